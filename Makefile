@@ -24,11 +24,12 @@ test: .venv/ready-for-tests ## run the tests (needs no GPU, no ROS), the engine'
 	ELDIR_COMPILER=quadrants $(TEST) pytest -q -n 3 --dist loadgroup --no-loadscope-reorder
 	$(TEST) pytest -q -n 2 --dist loadfile tests/eldir/engine
 
-lint: .venv/ready-for-tests ## style, types and the import contract
+lint: .venv/ready-for-tests ## style, words, types and the import contract
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/codespell
 	$(BIN)/mypy
-	$(BIN)/lint-imports
+	PYTHONPATH=ros2_nodes/eldir_ros $(BIN)/lint-imports
 
 docs: .venv/ready-for-docs ## build the site: build/site/index.html
 	$(BIN)/python -m sphinx -q -E -W --keep-going -c docs/site -d build/site-doctrees docs build/site

@@ -23,7 +23,7 @@ from eldir.engine.pack import pack
 from eldir.engine.stable_step import substeps
 from eldir.evolution.population import Robots
 from eldir.evolution.run_folder import RunFolder
-from eldir.evolution.search import Evolution, Search
+from eldir.evolution.search import EvolutionConfig, Search
 from eldir.physics import physics_of
 from eldir.training.initial import InitialControllers, keys_of
 
@@ -52,7 +52,7 @@ def measure(robots: int, shard: int) -> dict[str, tuple[float, float]]:
         with part("unpacking"):
             return batch.controllers(batch.weights)
 
-    config = Evolution(population=robots)
+    config = EvolutionConfig(population=robots)
     search, rng = Search(config), np.random.default_rng(0)
     with tempfile.TemporaryDirectory() as scratch:
         run = RunFolder.create(Path(scratch) / "run", config)

@@ -10,10 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from cad.kit.defaults import PRINTER
-from cad.kit.printer import load_printer
-from cad.kit.specification import load_specification
-from cad.multibody.model import Numerics, multibody
 from eldir.benchmark.built import Walker, walkers
 from eldir.benchmark.turns import limited_threads, take_turns
 from eldir.built.gait import free_lengths
@@ -24,7 +20,11 @@ from eldir.errors import EldirError
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
-from hardware.analysis.mujoco_walks import FINE, measured_walk
+from eldir_cad.kit.defaults import PRINTER
+from eldir_cad.kit.printer import load_printer
+from eldir_cad.kit.specification import load_specification
+from eldir_cad.multibody.model import Numerics, multibody
+from eldir_calibration.transfer.mujoco_walks import FINE, measured_walk
 
 _STEPS = {"MuJoCo, 0.33 ms (rig)": Numerics(), "MuJoCo, 0.1 ms (transfer)": FINE}
 _CYCLES = 1

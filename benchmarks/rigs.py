@@ -54,7 +54,7 @@ def filmed(design: Path, seed: int, far: bool) -> dict[str, Any]:
         _run("rig", "new", "--seed", str(seed), "--design", "design.json", "--out", "rig.yaml", here=here)
         if far:
             rig = here / "rig.yaml"
-            rig.write_text(rig.read_text().replace("\nvirtual:\n", "\nvirtual:\n  deviation: far\n"))
+            rig.write_text(rig.read_text().replace("\nvirtual:\n", "\nvirtual:\n  parameter_spread: large\n"))
         _run("gait", "design.json", "--rig", "rig.yaml", "--out", "schedule.json", here=here)
         _run("rig", "drive", "schedule.json", "--rig", "rig.yaml", "--log", "log.mcap", here=here)
         said = _run("report", "log.mcap", "--design", "design.json", "--out", "report", "--json", here=here)
@@ -62,7 +62,7 @@ def filmed(design: Path, seed: int, far: bool) -> dict[str, Any]:
     told = {
         "design": f"{design.parent.name}/{design.name}",
         "rig": seed,
-        "deviation": "far" if far else "near",
+        "parameter_spread": "large" if far else "small",
         "predicted": report["body_lengths_per_5_cycles"]["predicted"],
         "interval": report["body_lengths_per_5_cycles_interval"]["predicted"],
         "filmed": report["body_lengths_per_5_cycles"]["tracked"],
@@ -88,7 +88,7 @@ def table(films: Sequence[dict[str, Any]]) -> str:
         low, high = film["interval"]
         inside = "yes" if low <= film["filmed"] <= high else "**no**"
         lines.append(
-            f"| {film['design']} | {film['rig']}, {film['deviation']} | {film['predicted']:+.2f} | "
+            f"| {film['design']} | {film['rig']}, {film['parameter_spread']} | {film['predicted']:+.2f} | "
             f"{low:+.2f} to {high:+.2f} | {film['filmed']:+.2f} | {inside} |"
         )
     return "\n".join(lines) + "\n"

@@ -2,7 +2,7 @@ from . import built as built
 from .controller import Controller as Controller
 from .design import Design as Design
 from .evolution.loop import evolve as evolve
-from .evolution.search import Evolution as Evolution
+from .evolution.search import EvolutionConfig as EvolutionConfig
 from .genotype import Genotype as Genotype
 from .genotype import random_genotypes as random_genotypes
 from .lattice import Lattice as Lattice

@@ -1,5 +1,5 @@
 """`python -m eldir` is the command."""
 
-from eldir.commands.main import main
+from eldir_app.main import main
 
 main()

@@ -91,8 +91,8 @@ def learn(
     result = _learn(bodies, origins, owns, scene, training, iterations, progress)
     if len(first) == n:
         return result
-    taught = tuple(result.controllers[k] for k in which)  # the same robot learns the same
-    return LearningResult(result.losses[which], taught, result.status[which])
+    trained = tuple(result.controllers[k] for k in which)  # the same robot learns the same
+    return LearningResult(result.losses[which], trained, result.status[which])
 
 
 def _learn(
@@ -122,10 +122,10 @@ def _learn(
         bodies, owns = chosen_of(part, morphologies, physics)
         brains = InitialControllers(bodies, scene, *chosen_of(part, origins))
         drawn = [keys[i] for i in part] if keys else []
-        taught = loop.teach(bodies, brains, owns, finer, training, iterations, randomisation, drawn)
-        losses[part] = taught.losses
-        status[part] = [in_steps(t, parts) for t in taught.status]
-        for i, controller in zip(part, taught.controllers, strict=True):
+        trained = loop.train(bodies, brains, owns, finer, training, iterations, randomisation, drawn)
+        losses[part] = trained.losses
+        status[part] = [in_steps(t, parts) for t in trained.status]
+        for i, controller in zip(part, trained.controllers, strict=True):
             if np.isfinite(losses[i, 0]):  # a robot that blew up at once has learned nothing
                 best[i] = controller
         done += len(part)

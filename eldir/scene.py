@@ -208,7 +208,7 @@ class Scene(Record):
 
     @classmethod
     def upgrade(cls, values: dict[str, Any]) -> dict[str, Any]:
-        """Older files hold the training in the scene; `Evolution` and `Design` take it from there."""
+        """Older files hold the training in the scene; `EvolutionConfig` and `Design` take it from there."""
         return {key: value for key, value in values.items() if key not in TRAINING_FIELDS}
 
 

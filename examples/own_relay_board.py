@@ -1,10 +1,10 @@
 """Your own relay board. `!21` closes channel 2, `!20` opens it; `?` asks all, and is answered twice."""
 
-from hardware.clock import WallClock
-from hardware.emulator.board import EmulatedBoard
-from hardware.relay.board import RelayBoard
-from hardware.relay.errors import GarbledReplyError
-from hardware.relay.registration import Board
+from eldir_hardware.clock import WallClock
+from eldir_hardware.emulator.board import EmulatedBoard
+from eldir_hardware.relay.board import RelayBoard
+from eldir_hardware.relay.errors import GarbledReplyError
+from eldir_hardware.relay.registration import Board
 
 
 class ToyBoard(RelayBoard):

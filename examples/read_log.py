@@ -4,7 +4,7 @@ import sys
 
 import numpy as np
 
-from hardware.log.reader import read_log
+from eldir_hardware.log.reader import read_log
 
 log = read_log(sys.argv[1] if len(sys.argv) > 1 else "demo/log.mcap")
 print(f"{log.frame_count} frames; files kept with the log: {', '.join(sorted(log.attachments))}")

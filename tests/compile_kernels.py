@@ -12,10 +12,10 @@ import sys
 
 import numpy as np
 
-from eldir.built.directions import DIRECTIONS, DriveInputs
 from eldir.built.motion import drive
 from eldir.built.robot import build
 from eldir.built.sensitivities import sensitivities
+from eldir.built.tangents import TANGENTS, DriveInputs
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
 from eldir.rollout import loss_and_gradient
@@ -42,7 +42,7 @@ def printed(parameters: BuiltParameters, sloped: bool) -> None:
     robot = build(braced(), RobotParameters(parameters))
     lengths = np.full((2, 1), COLD)
     if sloped:
-        sensitivities([DriveInputs(robot, lengths, 1e-3)], [[next(iter(DIRECTIONS))]])
+        sensitivities([DriveInputs(robot, lengths, 1e-3)], [[next(iter(TANGENTS))]])
     else:
         drive([robot], [lengths], 1e-3)
 

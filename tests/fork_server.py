@@ -19,13 +19,13 @@ from contextlib import suppress
 from typing import Any
 
 IMPORTED = (
-    "eldir.commands.progress",
-    "hardware.commands.off",
-    "hardware.guardian.client",
-    "hardware.run.drive",
-    "hardware.safety.stop_signals",
-    "hardware.watch.listen",
-    "hardware.watch.server",
+    "eldir_app.terminal.progress",
+    "eldir_app.emergency_stop",
+    "eldir_hardware.guardian.client",
+    "eldir_hardware.run.drive",
+    "eldir_hardware.safety.stop_signals",
+    "eldir_app.watch.listen",
+    "eldir_app.watch.server",
 )
 
 
@@ -93,8 +93,8 @@ def run(asked: dict[str, Any]) -> None:
 if __name__ == "__main__":
     for name in IMPORTED:
         importlib.import_module(name)
-    importlib.import_module("eldir.commands.application").application()
-    importlib.import_module("hardware.log.messages").types()
+    importlib.import_module("eldir_app.application").application()
+    importlib.import_module("eldir_hardware.log.messages").types()
     gc.collect()
     gc.freeze()
     run(serve(socket.socket(fileno=int(sys.argv[1]))))

@@ -12,9 +12,8 @@ from typing import NamedTuple
 import pytest
 
 from tests.made_once import made_once
-from tests.paths import ROOT
+from tests.paths import PACKAGES, ROOT
 
-PACKAGES = ("eldir", "cad", "calibration", "hardware")
 _UV = Path(sys.executable).with_name("uv")
 
 
@@ -47,8 +46,9 @@ def _install(folder: Path) -> Installation:
     tree.mkdir()
     for name in ("pyproject.toml", "MANIFEST.in", "README.md", "CHANGELOG.md", "LICENSE"):
         shutil.copy(ROOT / name, tree)
-    for name in PACKAGES:
-        shutil.copytree(ROOT / name, tree / name, ignore=shutil.ignore_patterns("__pycache__"))
+    without_caches = shutil.ignore_patterns("__pycache__")
+    for package in PACKAGES.values():
+        shutil.copytree(package, tree / package.relative_to(ROOT), ignore=without_caches)
     _uv("build", "--out-dir", str(folder), str(tree))  # the sdist, then the wheel from the sdist
     (sdist,), (wheel,) = folder.glob("*.tar.gz"), folder.glob("*.whl")
     environment = folder / "environment"

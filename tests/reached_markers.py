@@ -15,11 +15,11 @@ SIGNS = {
     "process": (
         "subprocess",
         "multiprocessing",
-        "hardware.guardian.client.Guardian",
+        "eldir_hardware.guardian.client.Guardian",
         "tests.installed_wheel",
     ),
-    "realtime": ("hardware.clock.WallClock", "hardware.guardian.client.Guardian"),
-    "mujoco": ("mujoco", "hardware.virtual.mujoco_body"),
+    "realtime": ("eldir_hardware.clock.WallClock", "eldir_hardware.guardian.client.Guardian"),
+    "mujoco": ("mujoco", "eldir_hardware.virtual.mujoco_body"),
 }
 """Names, with all that lies below them, that give a marker to the tests which reach them."""
 

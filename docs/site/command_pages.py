@@ -8,7 +8,7 @@ import typer
 import typer.core
 from generated import plain, write_pages
 
-from eldir.commands.main import application
+from eldir_app.application import application
 
 
 def write(docs: Path) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "reference" / "errors.md"
-PACKAGES = ("eldir", "hardware", "calibration", "cad", "ros2_nodes")
+PACKAGES = ("eldir", "hardware", "calibration", "cad", "app", "ros2_nodes")
 HEAD = "| code | what failed | class |\n| --- | --- | --- |\n"
 _TABLE = re.compile(re.escape(HEAD) + r"(\|.*\n)*")
 _CODE = re.compile(r"[a-z-]+(\.[a-z-]+)?")

@@ -13,8 +13,8 @@ from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt
 from eldir.core.kernels import Precision
 from eldir.core.records import OMITTED, FileRecord, Record, record
 from eldir.scene import Integrator
-from hardware.catalogue import runs
-from hardware.safety import latch
+from eldir_app.catalogue import runs
+from eldir_hardware.safety import latch
 
 Share = Annotated[float, Field(ge=0, le=1)]
 Versions = dict[str, str | None]

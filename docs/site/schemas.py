@@ -13,13 +13,6 @@ from typing import Any
 import results
 from pydantic.json_schema import GenerateJsonSchema
 
-from cad.kit.printer import Printer
-from cad.kit.specification import Specification
-from cad.packet.manifest import Manifest
-from cad.shortlist.numbers import Ranking
-from calibration.camera.lens import Lens
-from calibration.camera.plane import Plane, TagBoard
-from calibration.report.numbers import ReportNumbers
 from eldir.built.scene import BuiltScene
 from eldir.core.validation import Plain, adapter, field_texts
 from eldir.design import Design
@@ -28,11 +21,18 @@ from eldir.evolution.printed.status import PrintedStatus
 from eldir.evolution.run_folder import RunFile
 from eldir.evolution.status import Status
 from eldir.trajectory import Trajectory
-from hardware.analysis.transfer_page import TransferNumbers
-from hardware.catalogue.notes import Notes
-from hardware.rig.configuration import Rig
-from hardware.safety.spring_memory import RememberedSprings
-from hardware.schedule import ActuationSchedule
+from eldir_app.catalogue.notes import Notes
+from eldir_cad.kit.printer import Printer
+from eldir_cad.kit.specification import Specification
+from eldir_cad.packet.manifest import Manifest
+from eldir_cad.shortlist.numbers import Ranking
+from eldir_calibration.report.numbers import ReportNumbers
+from eldir_calibration.transfer.transfer_page import TransferNumbers
+from eldir_hardware.camera.lens import Lens
+from eldir_hardware.camera.plane import Plane, TagBoard
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.safety.spring_memory import RememberedSprings
+from eldir_hardware.schedule import ActuationSchedule
 
 SCHEMAS = Path(__file__).parents[1] / "schemas"
 FORMATS: dict[str, tuple[type, str]] = {

@@ -146,7 +146,7 @@ class SampledWalks(Record):
     """Displacement [body lengths per five cycles], shape (n,); minus infinity where a sample fell or
     folded."""
     ties: FloatArray = field(default_factory=lambda: np.zeros(0))
-    """Share of ties in each sample's sliding (`eldir.built.validity.ties`), shape (n,), NaN where it fell or
+    """Share of ties in each sample's sliding (`tie_share`), shape (n,), NaN where it fell or
     folded; empty if it was not looked at."""
 
     @property

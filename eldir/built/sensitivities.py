@@ -6,7 +6,7 @@ derivatives of the computed motion at a fixed step, through every impulse of the
 where the motion itself has a kink, such as a mass that is just about to slip.
 
 >>> import numpy as np
->>> from eldir.built.directions import DriveInputs
+>>> from eldir.built.tangents import DriveInputs
 >>> from eldir.built.gait import Gait, free_lengths
 >>> from eldir.built.robot import build
 >>> from eldir.built.sensitivities import sensitivities
@@ -34,7 +34,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from eldir.built.directions import DIRECTIONS, Direction, DriveInputs
 from eldir.built.motion import (
     FINE,
     check_states,
@@ -44,6 +43,7 @@ from eldir.built.motion import (
     member,
 )
 from eldir.built.robot import rest_state
+from eldir.built.tangents import TANGENTS, DriveInputs, Tangent
 from eldir.core.arguments import require_known, require_number, require_shape, require_value
 from eldir.core.records import FloatArray, Record
 from eldir.errors import InputError
@@ -74,7 +74,7 @@ class Sensitivity(Record):
 
 def sensitivities(
     drives: Sequence[DriveInputs],
-    parameters: Sequence[Sequence[str | Direction]],
+    parameters: Sequence[Sequence[str | Tangent]],
     *,
     states: Sequence[FloatArray] | None = None,
     every: int = 1,
@@ -82,9 +82,9 @@ def sensitivities(
 ) -> list[Sensitivity]:
     """Drive robots as `eldir.built.motion.drive` does, and differentiate their motion.
 
-    `parameters[r]` are those of robot r: names of `eldir.built.directions.DIRECTIONS`, or your own
-    `Direction`. `states`, `every` and `step` are those of `drive`. To continue an earlier call, pass its
-    `state`, and its `state_slopes` as `Direction.state`. Eight parameters run side by side in one core, at
+    `parameters[r]` are those of robot r: names of `eldir.built.tangents.TANGENTS`, or your own
+    `Tangent`. `states`, `every` and `step` are those of `drive`. To continue an earlier call, pass its
+    `state`, and its `state_slopes` as `Tangent.state`. Eight parameters run side by side in one core, at
     two to three times the cost of the motion alone. Raises `InputError` for an unknown name, a robot without
     parameters, arrays of the wrong shape, and an interval, a step or an `every` that is not positive;
     `EldirError` for a step that is not stable.
@@ -104,11 +104,11 @@ def sensitivities(
         )
     members, slopes = [], []
     for r, (drive, names) in enumerate(zip(drives, parameters, strict=True)):
-        require_value(f"parameters of drive {r}", names, "at least one of " + ", ".join(DIRECTIONS))
+        require_value(f"parameters of drive {r}", names, "at least one of " + ", ".join(TANGENTS))
         state = rest_state(drive.robot) if states is None else states[r]
         mine = member(drive.robot, drive.lengths, drive.interval, step, drive.free, state)
         members += [mine] * len(names)
-        slopes += [_slope(drive, mine, _direction(drive, name)) for name in names]
+        slopes += [_slope(drive, mine, _tangent(drive, name)) for name in names]
     if not drives:
         return []
     outcomes = motion_batch.run_motions(members, every, slopes)
@@ -125,14 +125,14 @@ def sensitivities(
     return found
 
 
-def _direction(drive: DriveInputs, parameter: str | Direction) -> Direction:
-    if isinstance(parameter, Direction):
+def _tangent(drive: DriveInputs, parameter: str | Tangent) -> Tangent:
+    if isinstance(parameter, Tangent):
         return parameter
-    require_known("parameter", parameter, DIRECTIONS)
-    return DIRECTIONS[parameter](drive)
+    require_known("parameter", parameter, TANGENTS)
+    return TANGENTS[parameter](drive)
 
 
-def _slope(drive: DriveInputs, mine: Member, d: Direction) -> Member:
+def _slope(drive: DriveInputs, mine: Member, d: Tangent) -> Member:
     """Derivative of all inputs of the engine."""
     from eldir.engine.built.motion_batch import Member
 

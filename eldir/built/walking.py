@@ -1,4 +1,5 @@
-"""Walks of built robots: displacement, falls, folding, and coils that buckle."""
+"""Walks of built robots: displacement, and what makes its prediction worthless: falls, folding, coils that
+buckle, and slips that are left to chance."""
 
 from __future__ import annotations
 
@@ -12,8 +13,6 @@ from eldir.built.gait import CYCLES, FreeLengths, Gait, free_lengths_of_all
 from eldir.built.motion import FINE, BuiltMotion, drive
 from eldir.built.robot import BuiltRobot
 from eldir.built.statics import closest, least_opening
-from eldir.built.validity.coils import coil_load
-from eldir.built.validity.ties import tie_share
 from eldir.core.arguments import require_number, whole_number
 from eldir.core.records import FloatArray
 from eldir.parameters.springs import SpringParameters
@@ -25,6 +24,10 @@ FOLDED = 0.1
 _TOUCHING = 0.014  # between centres of two masses: hexagons of 12 mm across their flats touch [m]
 _SAMPLE = 20  # intervals between positions kept: one second
 _FINE_SAMPLE = 2  # the same where sliding is looked at: 0.1 s
+TIED = 0.3
+"""A larger share of ties makes a prediction doubtful."""
+_EVEN = 0.05  # of the load: both outer feet bear 45 to 55 per cent
+_CONTACT = 1e-4  # heights up to this count as on the table [m]
 
 
 @overload
@@ -114,7 +117,7 @@ def displacements_and_ties(
     mass_scaling: float = 1.0,
 ) -> tuple[FloatArray, FloatArray]:
     """`displacements`, and the share of ties of each robot after its first cycle
-    (`eldir.built.validity.ties`), shape (n,) each; NaN where the robot fell or folded."""
+    (`tie_share`), shape (n,) each; NaN where the robot fell or folded."""
     if not robots:
         return np.zeros(0), np.zeros(0)
     motions = _moved(robots, tables, _FINE_SAMPLE, free, mass_scaling)
@@ -161,6 +164,27 @@ def stands(robot: BuiltRobot, motion: BuiltMotion, lengths: FloatArray, most_coi
     return bool(coil_load(robot, motion, lengths).max(initial=0.0) <= most_coil_load)
 
 
+def coil_load(robot: BuiltRobot, motion: BuiltMotion, lengths: FloatArray) -> FloatArray:
+    """Shortening of each coil over the one at which it buckles, shape (T, A); negative in tension.
+
+    The simulation knows coils as straight springs. One that buckles bows sideways, carries less and touches
+    other parts: predictions of such a robot mean nothing. Of a hundred random designs, walkers reach less
+    than half of the load; bodies that their motors can hardly move reach several times the load.
+
+    Coils are measured between their hinges. `lengths`: free lengths at the instants of the motion [m], shape
+    (T, A).
+    """
+    a, b = robot.springs[robot.active].T
+    between, free = motion.positions[:, a] - motion.positions[:, b], lengths[: len(motion.positions)]
+    if robot.joints == "hubs":
+        x, y = robot.directions[robot.active].T
+        for hubs in (a, b):
+            c, s = np.moveaxis(motion.rotations[:, hubs], 2, 0)
+            between = between - robot.parameters.socket * np.stack([c * x - s * y, s * x + c * y], axis=2)
+    present = np.linalg.norm(between, axis=2) + 2 * robot.parameters.socket
+    return (free - present) / SpringParameters().buckling_shortening(free)
+
+
 def rotation(rest: FloatArray, positions: FloatArray) -> FloatArray:
     """Rotation of the body as a whole from its rest pose [rad], shape (T,).
 
@@ -171,3 +195,39 @@ def rotation(rest: FloatArray, positions: FloatArray) -> FloatArray:
     b = positions - positions.mean(axis=1, keepdims=True)
     cross = (a[:, 0] * b[..., 1] - a[:, 1] * b[..., 0]).sum(axis=1)
     return np.arctan2(cross, (a * b).sum(axis=(1, 2)))
+
+
+def describe_ties(share: float) -> str:
+    """A share of ties in words."""
+    words = f"ties: in {share:.0%} of the feet's sliding both outer feet bear about the same load"
+    if share > TIED:
+        return f"{words}; chance decides which one slips, so this prediction is doubtful"
+    return f"{words} (above {TIED:.0%} a prediction is doubtful)"
+
+
+def tie_share(robot: BuiltRobot, positions: FloatArray) -> float:
+    """Share of the feet's sliding during which both outer feet bear 45 to 55 per cent of the load; 0 for a
+    robot that does not slide.
+
+    Ties are times in which it is open which of a robot's outer feet slips. A robot that pushes its feet apart
+    slides on the foot that grips less. Where both outer feet bear about the same load, small differences of
+    friction decide. Predictions of such a walk are worth little: where ties take 42 % of the sliding and
+    more, another simulation of the same robot differed by 0.14 to 0.35 body lengths, sometimes in sign; where
+    they take 25 % or less, by 0.05 (docs/reference/second-physics.md).
+
+    `positions` [m], shape (T, M, 2): a few instants in each second. The loads are those of a body at rest on
+    its two outer feet (law of the lever).
+    """
+    on_table = positions[..., 1] < _CONTACT
+    touching = on_table[:-1] & on_table[1:]
+    x = (positions[:-1, :, 0] + positions[1:, :, 0]) / 2
+    slid = np.where(touching, np.abs(np.diff(positions[..., 0], axis=0)), 0.0).sum(axis=1)
+    rear = np.where(touching, x, np.inf).min(axis=1)
+    front = np.where(touching, x, -np.inf).max(axis=1)
+    stands = front > rear
+    middle = x @ robot.masses / robot.masses.sum()
+    with np.errstate(invalid="ignore", divide="ignore"):
+        share = (middle - rear) / (front - rear)
+    tied = stands & (np.abs(share - 0.5) < _EVEN)
+    total = slid[stands].sum()
+    return float(slid[tied].sum() / total) if total > 0 else 0.0

@@ -19,7 +19,7 @@ from eldir.core.arguments import require_value
 from eldir.errors import InputError
 
 VARIABLE = "ELDIR_LOG"
-PACKAGES = ("eldir", "cad", "calibration", "hardware", "eldir_ros")
+PACKAGES = ("eldir", "eldir_cad", "eldir_hardware", "eldir_calibration", "eldir_app", "eldir_ros")
 """The packages that a level without a module is for."""
 _LEVELS = {"error": logging.ERROR, "warning": logging.WARNING, "info": logging.INFO, "debug": logging.DEBUG}
 _STEPS = ("warning", "info", "debug")  # of -v
@@ -80,7 +80,7 @@ def read_levels() -> dict[str, str]:
         name, _, level = (part.strip() for part in entry.rpartition("="))
         expected = f"{', '.join(_LEVELS)}, or MODULE=LEVEL, separated by commas"
         require_value(VARIABLE, level.lower() in _LEVELS, expected, repr(entry))
-        expected = "an installed module or package before =, such as hardware.relay"
+        expected = "an installed module or package before =, such as eldir_hardware.relay"
         require_value(VARIABLE, not name or _is_module(name), expected, repr(name))
         levels[name] = level.lower()
     return levels

@@ -141,7 +141,7 @@ def _code(kind: type) -> str:
     """The beginning of the codes of a record's errors: the name of its format, or of its class."""
     if known := getattr(kind, "FORMAT", None):
         return str(known).removeprefix("eldir-").partition("/")[0]
-    return re.sub(r"(?<!^)(?=[A-Z])", "-", kind.__name__).lower()
+    return re.sub(r"(?<!^)(?=[A-Z])", "-", kind.__name__).lower().removesuffix("-config")
 
 
 def _own_code(error: EldirError, kind: type) -> str:

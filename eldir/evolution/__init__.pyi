@@ -4,5 +4,5 @@ from .loop import evolve as evolve
 from .loop import resume as resume
 from .run_folder import RunFolder as RunFolder
 from .run_folder import load_generation as load_generation
-from .search import Evolution as Evolution
+from .search import EvolutionConfig as EvolutionConfig
 from .search import Search as Search

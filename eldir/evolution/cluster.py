@@ -20,7 +20,7 @@ from eldir.engine.device.process import chosen_device
 from eldir.errors import EldirError, InputError, MissingDependencyError
 from eldir.evolution.loop import SHARD, Shard
 from eldir.evolution.population import LearningOutcome
-from eldir.evolution.printed.search import Judged
+from eldir.evolution.printed.search import Evaluation
 from eldir.evolution.printed.trials import Trial
 from eldir.parameters.robot import RobotParameters
 
@@ -90,8 +90,8 @@ class Cluster:
             for task in running:
                 self._ray.cancel(task, force=True)
 
-    def judge(self, kind: Judged, trials: Sequence[Trial], nominal: RobotParameters) -> FloatArray:
-        """One row for each trial of printed robots (`eldir.evolution.printed.search.Judge`)."""
+    def evaluate(self, kind: Evaluation, trials: Sequence[Trial], nominal: RobotParameters) -> FloatArray:
+        """One row for each trial of printed robots (`eldir.evolution.printed.search.Evaluator`)."""
         parts = np.array_split(np.arange(len(trials)), min(len(trials), _SHARDS_EACH * self.processes))
         tasks = [
             self._judge.remote(kind, [trials[i] for i in part], nominal, self.threads, source_digest())
@@ -137,7 +137,7 @@ def _learn(shard: Shard, threads: int, source: str) -> LearningOutcome:
 
 
 def _judge(
-    kind: Judged, trials: Sequence[Trial], nominal: RobotParameters, threads: int, source: str
+    kind: Evaluation, trials: Sequence[Trial], nominal: RobotParameters, threads: int, source: str
 ) -> FloatArray:
     """Run trials of printed robots on a worker."""
     _prepare(threads, source)

@@ -7,10 +7,10 @@ from typing import Literal
 Crossover = Literal["none", "distinct", "joint"]
 CROSSOVER: Crossover = "none"
 Ground = Literal["flat", "level", "incline", "decline"]
-"""Flat, or rugged; `eldir.evolution.ground` has the tilt of each rugged one."""
+"""Flat, or rugged; `eldir.evolution.search` has the tilt of each rugged one."""
 GROUND: Ground = "flat"
-Purpose = Literal["paper", "built"]
-PURPOSE: Purpose = "paper"
+Objective = Literal["paper", "printed"]
+OBJECTIVE: Objective = "paper"
 """What robots are judged by: learning in the paper's scene, or the walk of the printed robot."""
 LATTICE = (13, 22)
 """Rows and columns of the paper's lattice."""

@@ -7,11 +7,15 @@ from pathlib import Path
 from eldir.core.files import read_json
 from eldir.core.version import __version__
 from eldir.design import Design
-from eldir.evolution.printed.designs import designs_of
 from eldir.evolution.printed.run_folder import PrintedRun, PrintedRunFile
 from eldir.evolution.run_folder import RunFile, RunFolder
+from eldir.evolution.search import robot_seed
+from eldir.learning import learn
+from eldir.scene import Scene
 
 Run = RunFolder | PrintedRun
+_MOST_PRINTED = 24
+"""Elites of a run for building that become designs, the best first: a shortlist holds at most twelve."""
 
 
 def open_run(path: Path | str) -> Run:
@@ -31,7 +35,7 @@ def load_run(path: Path | str) -> list[Design]:
     """
     run = open_run(path)
     run.require_generations()
-    return designs_of(run) if isinstance(run, PrintedRun) else _of_taught(run)
+    return _of_printed(run) if isinstance(run, PrintedRun) else _of_taught(run)
 
 
 def _of_taught(run: RunFolder) -> list[Design]:
@@ -66,5 +70,46 @@ def _of_taught(run: RunFolder) -> list[Design]:
             robots.seeds,
             search.survivors.walks,
             strict=True,
+        )
+    ]
+
+
+def _of_printed(run: PrintedRun) -> list[Design]:
+    """The best elites of a run for building, with gait and expected walk in their provenance.
+
+    The closed-loop rollout is one of the three motions of a report. A printed robot evolves without a
+    controller, so the elites are taught here; the same run always gives the same controllers.
+    """
+    config, scene = run.config, Scene()
+    elites = run.restore().archive.ranked()[:_MOST_PRINTED]
+    if not elites:
+        return []
+    bodies = [w.genome.body(config.lattice) for w in elites]
+    seeds = [robot_seed(config.seed, w.generation, w.number) for w in elites]
+    trained = learn(bodies, scene, seed=seeds)
+    return [
+        Design(
+            config.lattice,
+            walker.genome.genotype,
+            controller,
+            scene,
+            provenance={
+                "fitness_m": -float(losses.min()),
+                "generation": walker.generation,
+                "id": walker.number,
+                "parents": [walker.parent] if walker.parent >= 0 else [],
+                "seed": seed,
+                "run_seed": config.seed,
+                "version": __version__,
+                "evolved_walk": {
+                    "expected": walker.expected,
+                    "standard_error": walker.error,
+                    "samples": len(walker.walks),
+                },
+                "gait": walker.genome.gait(body, config.timings).to_json(),
+            },
+        )
+        for walker, body, controller, losses, seed in zip(
+            elites, bodies, trained.controllers, trained.losses, seeds, strict=True
         )
     ]

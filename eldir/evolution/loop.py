@@ -24,7 +24,7 @@ from eldir.errors import InputError
 from eldir.evolution import tables
 from eldir.evolution.population import LearningOutcome, Robots
 from eldir.evolution.run_folder import RunFolder
-from eldir.evolution.search import Evolution, Search
+from eldir.evolution.search import EvolutionConfig, Search
 from eldir.genotype import stack
 from eldir.learning import learn
 from eldir.morphology import Morphology
@@ -63,8 +63,8 @@ class Shard:
         )  # fmt: skip
 
 
-class Teacher(Protocol):
-    """Teaches shards, in any order: `LocalTeacher` on this machine, `cluster.Cluster` on many."""
+class Trainer(Protocol):
+    """Teaches shards, in any order: `LocalTrainer` on this machine, `cluster.Cluster` on many."""
 
     def robots_at_once(self, robots: int) -> int:
         """The size of a shard, if so many robots have to learn."""
@@ -79,24 +79,24 @@ class _Known:
 
     losses: FloatArray
     """Losses [m], shape (n, iterations + 1)."""
-    taught: dict[int, Controller] = field(default_factory=dict)
+    trained: dict[int, Controller] = field(default_factory=dict)
 
     @property
     def missing(self) -> IntArray:
         """Indices of the robots that have still to learn."""
-        return np.array([i for i in range(len(self.losses)) if i not in self.taught], np.int64)
+        return np.array([i for i in range(len(self.losses)) if i not in self.trained], np.int64)
 
     @property
     def controllers(self) -> list[Controller]:
         """The controllers of all robots, in order."""
-        return [self.taught[i] for i in range(len(self.losses))]
+        return [self.trained[i] for i in range(len(self.losses))]
 
     def add(self, index: IntArray, losses: FloatArray, controllers: Sequence[Controller]) -> None:
         self.losses[index] = losses
-        self.taught.update(zip(index.tolist(), controllers, strict=True))
+        self.trained.update(zip(index.tolist(), controllers, strict=True))
 
 
-class LocalTeacher:
+class LocalTrainer:
     """Teaches on this machine, with all of its threads."""
 
     def __init__(self) -> None:
@@ -112,7 +112,7 @@ class LocalTeacher:
             yield shard, shard.learn()
 
 
-class DeviceTeacher:
+class DeviceTrainer:
     """Teaches on the devices of this machine: while shards learn there, the next one is prepared here."""
 
     def __init__(self, devices: int) -> None:
@@ -138,7 +138,7 @@ class DeviceTeacher:
                     task.cancel()
 
 
-def local_teacher(run: RunFolder) -> Teacher:
+def local_trainer(run: RunFolder) -> Trainer:
     """The teacher for this machine, by `ELDIR_DEVICE`. Logs a warning where a run began on another device."""
     device = chosen_device()
     if device != run.device:
@@ -147,11 +147,11 @@ def local_teacher(run: RunFolder) -> Teacher:
             "results differ in the last digits from those of one device"
         )
     _logger.info("robots learn on %s", device)
-    return LocalTeacher() if device == "cpu" else DeviceTeacher(device_count())
+    return LocalTrainer() if device == "cpu" else DeviceTrainer(device_count())
 
 
 def evolve(
-    config: Evolution, folder: Path | str, progress: Callable[[int, float], None] | None = None
+    config: EvolutionConfig, folder: Path | str, progress: Callable[[int, float], None] | None = None
 ) -> RunFolder:
     """Evolve a population into a new run folder, on this machine, to the last generation.
 
@@ -187,14 +187,14 @@ def _to_the_end(run: RunFolder, progress: Callable[[int, float], None] | None) -
                 reported = search.generation
                 progress(reported - 1, float(search.survivors.fitness()[0]))
 
-        run_generations(run, search, local_teacher(run), progress=saved)
+        run_generations(run, search, local_trainer(run), progress=saved)
     return run
 
 
 def run_generations(
     run: RunFolder,
     search: Search,
-    teacher: Teacher,
+    trainer: Trainer,
     stopped: Callable[[], bool] = lambda: False,
     progress: Callable[[int], None] = lambda learned: None,
 ) -> None:
@@ -205,7 +205,7 @@ def run_generations(
         saved: Future[None] | None = None
         while not (search.finished or stopped()):
             robots = search.ask()
-            learned = _generation(run, search, robots, teacher, stopped, progress)
+            learned = _generation(run, search, robots, trainer, stopped, progress)
             if saved is not None:
                 saved.result()
             if learned is None:
@@ -221,7 +221,7 @@ def _generation(
     run: RunFolder,
     search: Search,
     robots: Robots,
-    teacher: Teacher,
+    trainer: Trainer,
     stopped: Callable[[], bool],
     progress: Callable[[int], None],
 ) -> _Known | None:
@@ -234,14 +234,14 @@ def _generation(
         if not (index.min() >= 0 and index.max() < n and losses.shape[1] == known.losses.shape[1]):
             raise tables.damaged(path, "robots of this generation", InputError("others"))
         known.add(index, losses, controllers)
-    progress(len(known.taught))
-    size = teacher.robots_at_once(len(known.missing))
-    for shard, outcome in teacher(_shards(search, robots, known.missing, size)):
+    progress(len(known.trained))
+    size = trainer.robots_at_once(len(known.missing))
+    for shard, outcome in trainer(_shards(search, robots, known.missing, size)):
         known.add(shard.index, outcome.losses, outcome.controllers)
-        if len(known.taught) < n:  # the last shard is saved with its generation
+        if len(known.trained) < n:  # the last shard is saved with its generation
             run.save_part(search.generation, robots.ids[shard.index], outcome.losses, outcome.controllers)
-        progress(len(known.taught))
-        if len(known.taught) < n and stopped():
+        progress(len(known.trained))
+        if len(known.trained) < n and stopped():
             return None
     return known
 

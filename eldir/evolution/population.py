@@ -73,8 +73,8 @@ class Learned(Record):
 
     def take(self, index: IntArray) -> Learned:
         """The robots with these indices, in this order."""
-        taught = tuple(self.controllers[i] for i in index)
-        return Learned(self.robots.take(index), self.losses[index], taught, self.walks[index])
+        trained = tuple(self.controllers[i] for i in index)
+        return Learned(self.robots.take(index), self.losses[index], trained, self.walks[index])
 
     def joined(self, other: Learned) -> Learned:
         """These robots, then the others."""

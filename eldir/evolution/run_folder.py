@@ -12,11 +12,12 @@ generation, with the parts of the next one. Every file is written whole or not a
 
 from __future__ import annotations
 
+import fcntl
 import logging
 import re
 import shutil
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar, Generic, Protocol, Self, TypeVar
@@ -24,17 +25,16 @@ from typing import Any, ClassVar, Generic, Protocol, Self, TypeVar
 import numpy as np
 
 from eldir.controller import Controller
-from eldir.core import folder_lock
 from eldir.core.files import new_folder, write_bytes
 from eldir.core.kernels import Device
 from eldir.core.provenance import source_digest
 from eldir.core.records import FileRecord, FloatArray, IntArray, SourceDigest, record
 from eldir.core.version import __version__
 from eldir.engine.device.process import chosen_device
-from eldir.errors import EldirError, InputError
+from eldir.errors import EldirError, InputError, not_written
 from eldir.evolution import tables
 from eldir.evolution.population import Learned, valid
-from eldir.evolution.search import Evolution, Search
+from eldir.evolution.search import EvolutionConfig, Search
 
 _logger = logging.getLogger(__name__)
 _KEPT = 2  # files that complete a generation: the one before stands in for a damaged one
@@ -67,7 +67,7 @@ class RunFile(StartedFile):
     OPTIONAL = frozenset({"device"})
     """What older runs lack."""
 
-    config: Evolution
+    config: EvolutionConfig
     """The configuration: the same values give the same robots."""
     device: Device = "cpu"
     """Where the robots of the first generation began to learn: cpu, cuda or vulkan. Devices and processors
@@ -111,7 +111,18 @@ class GenerationsFolder(Generic[_Config]):
     @contextmanager
     def locked(self) -> Iterator[None]:
         """Hold the run's lock: only one process evolves a run. Remove what a killed one left behind."""
-        with folder_lock.locked(self.path):
+        try:
+            lock = (self.path / "lock").open("w")
+        except OSError as error:
+            raise not_written(self.path, error, "make it writable") from None
+        with lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                problem = f"another process is evolving {self.path}"
+                raise EldirError(problem, code="run.locked", remedy=f"see eldir status {self.path}") from None
+            for draft in self.path.glob(".*.parquet.*"):
+                draft.unlink()
             self._remove_outdated()
             yield
 
@@ -134,7 +145,12 @@ class GenerationsFolder(Generic[_Config]):
     @property
     def evolving(self) -> bool:
         """Whether a process holds the lock."""
-        return folder_lock.is_locked(self.path)
+        with suppress(FileNotFoundError), (self.path / "lock").open() as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
+            except BlockingIOError:
+                return True
+        return False
 
     def whole_generations(self) -> list[tuple[int, Path]]:
         """Numbers of the complete generations on disk, and the files that complete them, ascending."""
@@ -174,7 +190,7 @@ class GenerationsFolder(Generic[_Config]):
 
 
 @dataclass(frozen=True)
-class RunFolder(GenerationsFolder[Evolution]):
+class RunFolder(GenerationsFolder[EvolutionConfig]):
     """The folder of an evolution in the paper's scene."""
 
     device: Device = field(default_factory=chosen_device, compare=False)

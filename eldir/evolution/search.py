@@ -1,7 +1,7 @@
 """The genetic algorithm: bodies compete by how well they learn (paper, Sect. Genetic algorithm).
 
 Ask and tell: `Search.ask` gives the robots of a generation, the caller teaches them, and `Search.tell`
-selects. Generation 0 consists of random progenitors.
+selects. Generation 0 consists of random progenitors. `scene_on` gives their ground.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from eldir.core import arguments
 from eldir.core.records import FloatArray, IntArray, Record, record
 from eldir.errors import EldirError
 from eldir.evolution import defaults
-from eldir.evolution.defaults import Crossover
-from eldir.evolution.inheritance import inherit
+from eldir.evolution.defaults import Crossover, Ground
 from eldir.evolution.population import Learned, LearningOutcome, Robots, select
-from eldir.evolution.variation import offspring
+from eldir.evolution.variation import inherit, offspring
 from eldir.genotype import Genotype, random_genotypes
 from eldir.lattice import Lattice
 from eldir.morphology import Morphology, develop
 from eldir.parameters.printed import BuiltParameters
 from eldir.scene import TRAINING_FIELDS, Scene
+from eldir.terrain import Terrain
 from eldir.training.configuration import DERIVED, Training
 from eldir.training.defaults import ITERATIONS
 from eldir.training.initial import initial_controllers
@@ -41,10 +41,12 @@ Walks = Callable[[Sequence[Morphology]], FloatArray]
 """A function that gives the walk of bodies as built, for the second stage."""
 _ATTEMPTS = 200  # batches drawn for bodies that are accepted
 _MOST_DRIVEN = 3  # motors in the second stage: 64 combinations of phases
+_TILTS: dict[Ground, float] = {"level": 0.0, "incline": 0.2, "decline": -0.2}
+"""Tilt of each kind of rugged ground, as `Terrain.rugged` takes it."""
 
 
 @record
-class Evolution(Record):
+class EvolutionConfig(Record):
     """The configuration of a run: the same values give the same robots."""
 
     OPTIONAL = frozenset({"buildable", "second_stage", "inherit", "randomisation"})
@@ -86,12 +88,15 @@ class Evolution(Record):
         arguments.require_room(self.lattice.rows, self.lattice.columns, self.population, self.iterations)
         if self.static_margin is not None:
             arguments.require_margin(
-                "Evolution.static_margin", self.static_margin, self.lattice.columns, BuiltParameters().pitch
+                "EvolutionConfig.static_margin",
+                self.static_margin,
+                self.lattice.columns,
+                BuiltParameters().pitch,
             )
         few = not self.second_stage or (self.max_active is not None and self.max_active <= _MOST_DRIVEN)
         expected = f"at most {_MOST_DRIVEN}, as Evolution.second_stage tries all phases of the motors"
         remedy = "limit the motors: --max-motors 2"
-        arguments.require_value("Evolution.max_active", few, expected, self.max_active, remedy)
+        arguments.require_value("EvolutionConfig.max_active", few, expected, self.max_active, remedy)
 
     @classmethod
     def upgrade(cls, values: dict[str, Any]) -> dict[str, Any]:
@@ -110,7 +115,7 @@ class Search:
 
     def __init__(
         self,
-        config: Evolution,
+        config: EvolutionConfig,
         accept: Accept | None = None,
         generation: int = 0,
         survivors: Learned | None = None,
@@ -239,3 +244,14 @@ def _nothing_accepted(missing: int) -> EldirError:
         found=f"{missing} places still empty",
         remedy="relax the condition or enlarge the lattice",
     )
+
+
+def scene_on(ground: Ground, seed: int) -> Scene:
+    """The paper's scene on this ground, flat or rugged with one of three tilts (paper, Sect. Terrain). Rugged
+    ground is drawn from the seed of the run."""
+    scene = Scene.preset("paper")
+    if ground == "flat":
+        return scene
+    # A key of its own: the robots' seeds have keys of two numbers, the generations' of one.
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0, 0, 0)))
+    return scene.replace(terrain=Terrain.rugged(rng, _TILTS[ground]))

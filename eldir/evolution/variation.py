@@ -1,7 +1,8 @@
 """Variation: how offspring come from progenitors (paper, Sect. Mutation and Sect. Crossover).
 
 Operators work on whole populations: `triangles` (N, B, A) and `springs` (N, S) bool. They are
-pure functions of their arguments and of the generator handed in.
+pure functions of their arguments and of the generator handed in. `inherit` gives offspring the part of a
+parent's learned controller that fits.
 """
 
 from __future__ import annotations
@@ -10,11 +11,13 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from eldir.controller import CPGS, HIDDEN, Controller
 from eldir.core.arguments import require_known
 from eldir.core.records import BoolArray, IntArray
 from eldir.evolution.defaults import Crossover
 from eldir.genotype import Genotype, repair_bodies, repair_springs, stack, unstack
 from eldir.lattice import Lattice
+from eldir.morphology import Morphology
 
 CROSSOVER_SHARE = 0.8
 """Share of the offspring that have two progenitors, where crossover is used; the others only mutate."""
@@ -154,3 +157,22 @@ def _pairs(n: int, count: int, rng: np.random.Generator) -> IntArray:
     one = rng.integers(0, n, drawn)
     other = (one + rng.integers(1, n, drawn)) % n
     return np.repeat(np.stack([one, other], axis=1), 2, axis=0)[:count].astype(np.int32)
+
+
+def inherit(parent: Morphology, trained: Controller, child: Morphology, fresh: Controller) -> Controller:
+    """A controller for `child` with the parent's weights of all masses and motors that both have at the same
+    place of the lattice, and all other weights as in `fresh`.
+
+    The paper's robots learn from nothing; it lists weights passed on from parent to offspring among what may
+    help.
+    """
+    w1 = fresh.w1.copy()
+    w1[:, :CPGS] = trained.w1[:, :CPGS]
+    _, old, new = np.intersect1d(parent.vertices, child.vertices, return_indices=True)
+    sensed = w1[:, CPGS:].reshape(HIDDEN, -1, 4)  # a view: dx, dy, vx, vy of each mass
+    sensed[:, new] = trained.w1[:, CPGS:].reshape(HIDDEN, -1, 4)[:, old]
+    w2, b2 = fresh.w2.copy(), fresh.b2.copy()
+    theirs, ours = (m.lattice_springs[m.active] for m in (parent, child))
+    _, old, new = np.intersect1d(theirs, ours, return_indices=True)
+    w2[new], b2[new] = trained.w2[old], trained.b2[old]
+    return Controller(w1, trained.b1, w2, b2)

@@ -2,7 +2,7 @@
 
 The constants are assumptions from data sheets and geometry until they are measured; docs/reference/built.md
 gives the source of each. Those of the printed parts are computed from the specification by
-`cad.checks.strip_law`.
+`eldir_cad.checks.strip_law`.
 """
 
 from __future__ import annotations

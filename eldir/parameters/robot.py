@@ -2,7 +2,8 @@
 
 Beside the parameters of `eldir.parameters.uncertain`, which change all parts of a kind, every strip has a
 length of its own, and the springs of the motors differ from each other. The springs' differences are
-contrasts: their mean is zero, so that the common parameters remain the mean.
+contrasts: their mean is zero, so that the common parameters remain the mean. `QUANTITIES` are the physical
+quantities that results list of a robot.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from eldir.core.records import FloatArray, Record
 from eldir.morphology import Morphology
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.springs import SpringParameters
-from eldir.parameters.uncertain import PARAMETERS, QUANTITIES
+from eldir.parameters.uncertain import PARAMETERS
 
 STRIP_SPREAD = 0.3e-3
 """Standard deviation of a printed strip's length from the drawing [m]."""
@@ -107,7 +108,7 @@ class RobotParameters(Record):
         self, strips: FloatArray, springs: Mapping[str, FloatArray | Sequence[float]]
     ) -> RobotParameters:
         """The robot with these lengths of strips (as `strips`) and with these values of each motor's spring,
-        by quantity, in the unit of `eldir.parameters.uncertain.QUANTITIES`, shape (A,) each."""
+        by quantity, in the unit of `QUANTITIES`, shape (A,) each."""
         z = []
         for name, values in springs.items():
             mean, parameter = QUANTITIES[name].value(self), PARAMETERS[name]
@@ -119,6 +120,51 @@ class RobotParameters(Record):
             z.append(off / parameter.spread / parameter.powers[QUANTITIES[name].field])
         table = np.array(z) if z else np.zeros((0, 0))
         return replace(self, strips=strips, motor_names=tuple(springs), motor_z=table)
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A physical quantity that results list."""
+
+    unit: str
+    field: str
+    """Name of a field of `BuiltParameters` or `SpringParameters`."""
+    additive: bool = False
+    """Whether its interval is symmetric about the value, not about the logarithm of the value."""
+
+    def value(self, robot: RobotParameters) -> float:
+        """Value for the whole robot, in `unit`."""
+        part = robot.printed if hasattr(robot.printed, self.field) else robot.springs
+        return float(getattr(part, self.field))
+
+    def slopes(self, names: Sequence[str]) -> FloatArray:
+        """Derivative of its logarithm (of the value itself, if additive) with respect to z of each named
+        parameter, shape (P,)."""
+        return np.array([PARAMETERS[n].spread * PARAMETERS[n].powers.get(self.field, 0.0) for n in names])
+
+
+QUANTITIES: dict[str, Quantity] = {
+    "hot_length": Quantity("m", "hot_length"),
+    "cold_length": Quantity("m", "cold_length"),
+    "current": Quantity("A", "current_limit"),
+    "cooling": Quantity("W/(m2 K)", "convection_fan"),
+    "friction": Quantity("1", "friction"),
+    "cold_stiffness": Quantity("N/m", "cold_stiffness"),
+    "hot_stiffness": Quantity("N/m", "hot_stiffness"),
+    "heat_capacity": Quantity("J/(kg K)", "heat_capacity"),
+    "latent_heat": Quantity("J/kg", "latent_heat"),
+    "resistivity": Quantity("Ohm m", "resistivity_martensite"),
+    "transition": Quantity("C", "austenite_finish", additive=True),
+    "tension": Quantity("N/m", "tension"),
+    "buckling": Quantity("N", "buckling"),
+    "strip_damping": Quantity("1", "strip_damping"),
+    "socket_friction": Quantity("N m", "socket_friction"),
+    "active_damping": Quantity("N s/m", "active_damping"),
+    "drag": Quantity("1/s", "drag"),
+    "printed_mass": Quantity("kg", "hexagon"),
+    "spring_mass": Quantity("kg", "active_spring"),
+}
+"""Quantities that results list, by name."""
 
 
 def drawn_feet(masses: int, rng: np.random.Generator) -> FloatArray:

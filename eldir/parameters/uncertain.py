@@ -14,16 +14,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
-from eldir.core.records import FloatArray
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.springs import SpringParameters
-
-if TYPE_CHECKING:
-    from eldir.parameters.robot import RobotParameters
 
 _Part = TypeVar("_Part", BuiltParameters, SpringParameters)
 
@@ -103,51 +99,6 @@ def parameters_of(printed: BuiltParameters, names: Sequence[str] = tuple(PARAMET
     sockets."""
     absent = {field for field, value in printed.to_json().items() if value == 0}
     return tuple(n for n in names if not set(PARAMETERS[n].powers) <= absent)
-
-
-@dataclass(frozen=True)
-class Quantity:
-    """A physical quantity that results list."""
-
-    unit: str
-    field: str
-    """Name of a field of `BuiltParameters` or `SpringParameters`."""
-    additive: bool = False
-    """Whether its interval is symmetric about the value, not about the logarithm of the value."""
-
-    def value(self, robot: RobotParameters) -> float:
-        """Value for the whole robot, in `unit`."""
-        part = robot.printed if hasattr(robot.printed, self.field) else robot.springs
-        return float(getattr(part, self.field))
-
-    def slopes(self, names: Sequence[str]) -> FloatArray:
-        """Derivative of its logarithm (of the value itself, if additive) with respect to z of each named
-        parameter, shape (P,)."""
-        return np.array([PARAMETERS[n].spread * PARAMETERS[n].powers.get(self.field, 0.0) for n in names])
-
-
-QUANTITIES: dict[str, Quantity] = {
-    "hot_length": Quantity("m", "hot_length"),
-    "cold_length": Quantity("m", "cold_length"),
-    "current": Quantity("A", "current_limit"),
-    "cooling": Quantity("W/(m2 K)", "convection_fan"),
-    "friction": Quantity("1", "friction"),
-    "cold_stiffness": Quantity("N/m", "cold_stiffness"),
-    "hot_stiffness": Quantity("N/m", "hot_stiffness"),
-    "heat_capacity": Quantity("J/(kg K)", "heat_capacity"),
-    "latent_heat": Quantity("J/kg", "latent_heat"),
-    "resistivity": Quantity("Ohm m", "resistivity_martensite"),
-    "transition": Quantity("C", "austenite_finish", additive=True),
-    "tension": Quantity("N/m", "tension"),
-    "buckling": Quantity("N", "buckling"),
-    "strip_damping": Quantity("1", "strip_damping"),
-    "socket_friction": Quantity("N m", "socket_friction"),
-    "active_damping": Quantity("N s/m", "active_damping"),
-    "drag": Quantity("1/s", "drag"),
-    "printed_mass": Quantity("kg", "hexagon"),
-    "spring_mass": Quantity("kg", "active_spring"),
-}
-"""Quantities that results list, by name."""
 
 
 def is_unobservable(name: str) -> bool:

@@ -120,8 +120,8 @@ def motion_gradient(
                 bodies[part], brains[part], finer, own[part], backward=True, physical=True, cotangents=pulled
             )
             losses[here] = outcome.losses[:, 0]
-            taught = outcome.batch.controllers(outcome.best)
-            for i, weights, found in zip(here, taught, outcome.physics, strict=True):
+            trained = outcome.batch.controllers(outcome.best)
+            for i, weights, found in zip(here, trained, outcome.physics, strict=True):
                 slopes[i], physical[i] = weights, found
     return MotionGradient(losses, tuple(slopes), tuple(physical))
 

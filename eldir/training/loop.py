@@ -2,7 +2,7 @@
 
 In every iteration the sampler gives the physics of one or more robots with the same body, the engine gives
 the loss and the gradient of each, and the rule moves the weights against the mean gradient. Without domain
-randomisation and with updates of fixed length, the engine's kernel does all of this itself: `teach` chooses
+randomisation and with updates of fixed length, the engine's kernel does all of this itself: `train` chooses
 that fast path, and a test holds it to the loop.
 """
 
@@ -31,7 +31,7 @@ Visit = Callable[[int, int, Controller], None]
 
 
 @dataclass(frozen=True)
-class Taught:
+class TrainingResult:
     """Result of the training of n robots."""
 
     losses: FloatArray
@@ -43,7 +43,7 @@ class Taught:
     """Status of each robot: -1, or the step at which it blew up, shape (n,)."""
 
 
-def teach(
+def train(
     bodies: Sequence[Morphology],
     initial: Sequence[Controller],
     physics: Sequence[Physics],
@@ -52,7 +52,7 @@ def teach(
     iterations: int,
     randomisation: Randomisation | None = None,
     keys: Sequence[Key] = (),
-) -> Taught:
+) -> TrainingResult:
     """Teach robots, by the engine's kernel where it can. With `randomisation`, physics are drawn from it for
     every robot and update, from the robot's key; otherwise they are the given ones."""
     if training.optimiser == "steps" and randomisation is None:
@@ -77,7 +77,7 @@ def in_kernel(
     scene: Scene,
     training: Training,
     iterations: int,
-) -> Taught:
+) -> TrainingResult:
     """The same as `descend` with updates of fixed length and one physics for each robot, but all iterations
     in one call of the engine. Weights and norms are rounded to the scene's precision."""
     from eldir.engine import batch
@@ -86,7 +86,7 @@ def in_kernel(
     outcome = batch.run_batch(
         bodies, initial, scene, physics, iterations=iterations, update_length=length, backward=True
     )
-    return Taught(outcome.losses, outcome.batch.controllers(outcome.best), outcome.status)
+    return TrainingResult(outcome.losses, outcome.batch.controllers(outcome.best), outcome.status)
 
 
 def descend(
@@ -97,7 +97,7 @@ def descend(
     iterations: int,
     sample: Sampler,
     visit: Visit = lambda update, robot, controller: None,
-) -> Taught:
+) -> TrainingResult:
     """Gradient descent, one call of the engine for each iteration. A robot that blew up learns no more."""
     n, initial = len(bodies), list(initial)
     kind = np.float32 if scene.precision == "f32" else np.float64  # what the engine computes in
@@ -128,7 +128,7 @@ def descend(
         learning = [r for r in learning if status[r] == FINE]
         if not learning:
             break
-    return Taught(losses, best, status)
+    return TrainingResult(losses, best, status)
 
 
 def _evaluate(

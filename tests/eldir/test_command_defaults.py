@@ -6,18 +6,18 @@ from typing import Any, get_args, get_type_hints
 
 import typer
 
-from cad.commands.coupon import coupon
-from cad.commands.packet import packet
-from cad.commands.shortlist import shortlist
-from cad.kit.printer import load_printer
-from cad.shortlist.ranking import rank
-from eldir.commands.evolve import evolve
 from eldir.design import Variant
 from eldir.evolution.defaults import GENERATIONS, LATTICE, POPULATION, Crossover
-from eldir.evolution.search import Evolution
+from eldir.evolution.search import EvolutionConfig
 from eldir.learning import learn
 from eldir.training.configuration import Training
 from eldir.training.defaults import Optimiser
+from eldir_app.commands.coupon import coupon
+from eldir_app.commands.evolve import evolve
+from eldir_app.commands.packet import packet
+from eldir_app.commands.shortlist import shortlist
+from eldir_cad.kit.printer import load_printer
+from eldir_cad.shortlist.ranking import rank
 
 OUTPUT = {"as_json", "out", "help", "install_completion", "show_completion"}
 
@@ -33,16 +33,16 @@ def default_of(function: Callable, name: str) -> Any:
 
 
 def test_evolve_fills_the_configuration_with_its_own_defaults():
-    config = Evolution()
+    config = EvolutionConfig()
     assert config.scene.terrain.is_flat and config.lattice.rows
     assert options(evolve) == {
         "resume": None,
         "cluster": False,
         "device": None,  # where ELDIR_DEVICE says
         "explain": False,
-        "purpose": "paper",
+        "objective": "paper",
         "rig": None,
-        "lattice": None,  # these three depend on the purpose
+        "lattice": None,  # these three depend on the objective
         "population": None,
         "generations": None,
         "terrain": "flat",
@@ -68,7 +68,7 @@ def test_evolve_fills_the_configuration_with_its_own_defaults():
 def test_choices_of_evolve_are_those_of_the_configuration():
     hints = get_type_hints(evolve)
     assert hints["optimiser"] == get_type_hints(Training)["optimiser"] == Optimiser
-    assert hints["crossover"] == get_type_hints(Evolution)["crossover"] == Crossover
+    assert hints["crossover"] == get_type_hints(EvolutionConfig)["crossover"] == Crossover
     help_of = {p.name: p.help for p in typer.main.get_command(_app(evolve)).params}
     for optimiser in get_args(Optimiser):
         assert f"{Training(optimiser).update_length:g}" in help_of["update_length"]

@@ -5,7 +5,7 @@ import pytest
 
 from eldir.controller import CPGS, HIDDEN, Controller
 from eldir.errors import InputError
-from eldir.evolution.inheritance import inherit
+from eldir.evolution.variation import inherit
 from eldir.genotype import random_genotypes
 from eldir.lattice import Lattice
 from eldir.learning import learn
@@ -110,27 +110,27 @@ def test_adam_depends_neither_on_company_nor_on_robots_that_blow_up():
 def test_what_parent_and_child_share_is_inherited():
     rng = np.random.default_rng(7)
     one, other = (develop(SMALL, g) for g in random_genotypes(SMALL, 2, rng))
-    taught, fresh = (Controller.random(len(b.positions), b.motors, rng) for b in (one, other))
+    trained, fresh = (Controller.random(len(b.positions), b.motors, rng) for b in (one, other))
     # Random controllers have no biases; learning gives them some.
-    taught, fresh = (c.shaped(rng.standard_normal(len(c.flat))) for c in (taught, fresh))
-    child = inherit(one, taught, other, fresh)
-    assert np.array_equal(child.b1, taught.b1)
-    assert np.array_equal(child.w1[:, :CPGS], taught.w1[:, :CPGS])
+    trained, fresh = (c.shaped(rng.standard_normal(len(c.flat))) for c in (trained, fresh))
+    child = inherit(one, trained, other, fresh)
+    assert np.array_equal(child.b1, trained.b1)
+    assert np.array_equal(child.w1[:, :CPGS], trained.w1[:, :CPGS])
     shared = 0
     for i, vertex in enumerate(other.vertices):
         source, k = (fresh, i)
         if vertex in one.vertices:
-            source, k = taught, one.vertices.tolist().index(vertex)
+            source, k = trained, one.vertices.tolist().index(vertex)
             shared += 1
         kept, found = (c.w1[:, CPGS + 4 * j :][:, :4] for c, j in ((source, k), (child, i)))
         assert np.array_equal(kept, found)
     assert 0 < shared < len(other.vertices)
     theirs = one.lattice_springs[one.active].tolist()
     for i, spring in enumerate(other.lattice_springs[other.active]):
-        source, k = (taught, theirs.index(spring)) if spring in theirs else (fresh, i)
+        source, k = (trained, theirs.index(spring)) if spring in theirs else (fresh, i)
         assert np.array_equal(child.w2[i], source.w2[k])
         assert child.b2[i] == source.b2[k]
-    assert inherit(one, taught, one, fresh_of(one)) == taught
+    assert inherit(one, trained, one, fresh_of(one)) == trained
     assert child.w1.shape == (HIDDEN, CPGS + 4 * len(other.positions))
 
 

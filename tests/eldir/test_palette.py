@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from eldir.core import pictures as palette
-from tests.paths import ROOT
+from tests.paths import PACKAGES, ROOT
 
 # Linear RGB as a dichromat sees it: Vienot, Brettel and Mollon, Color Research and Application 24 (1999) 243.
 SEEN = {
@@ -42,5 +42,5 @@ def test_a_motor_grows_darker_as_it_contracts():
 
 
 def test_no_other_module_gives_motors_a_colour_of_their_own():
-    for path in [ROOT / "eldir" / "show.py", *(ROOT / "cad").rglob("*.py")]:
+    for path in [ROOT / "eldir" / "show.py", *PACKAGES["eldir_cad"].rglob("*.py")]:
         assert not any(old in path.read_text() for old in ("#1f9d3a", "#c1440e", "#2e8b57")), path

@@ -54,10 +54,10 @@ def test_one_physics_for_all_is_a_scene(integrator: str, optimiser: Optimiser) -
     wanted, found = simulate(bodies, brains, other), simulate(bodies, brains, scene, owns)
     assert all(a == b for a, b in zip(found, wanted, strict=True))
     doubled = [*bodies, *bodies], [*brains, *brains], [Physics.of(b, scene) for b in bodies] + owns
-    taught = learn(doubled[0], scene, 2, controllers=doubled[1], physics=doubled[2], training=training)
+    trained = learn(doubled[0], scene, 2, controllers=doubled[1], physics=doubled[2], training=training)
     for part, theirs in ((slice(3, None), other), (slice(3), scene)):
         alone = learn(bodies, theirs, 2, controllers=brains, training=training)
-        assert taught.losses[part].tobytes() == alone.losses.tobytes()
+        assert trained.losses[part].tobytes() == alone.losses.tobytes()
     losses, gradients = loss_and_gradient(doubled[0], doubled[1], scene, doubled[2])
     plain = loss_and_gradient(bodies, brains, other)
     assert losses[3:].tobytes() == plain[0].tobytes() and (losses[:3] != losses[3:]).all()

@@ -13,8 +13,8 @@ from eldir.core.pictures import MOTOR_LONG, MOTOR_SHORT
 from eldir.errors import EldirError, InputError
 from eldir.marks import marked_masses
 from eldir.show import Drawing, frames, picture, placed
-from hardware.commands.show import show
-from hardware.images.video import write_webm
+from eldir_app.commands.show import show
+from eldir_hardware.images.video import write_webm
 from tests.eldir.random_design import make_design
 from tests.raised import raises
 

@@ -72,10 +72,10 @@ def test_a_robot_that_is_refused_does_not_touch_the_others() -> None:
     losses, gradients = loss_and_gradient(bodies, brains, scene)
     assert np.isfinite(losses).tolist() == [False, True, False] and not gradients[0].w1.any()
     assert gradients[1].w1.any()
-    taught = learn(bodies, scene, 2, controllers=brains)
-    assert taught.status.tolist() == [REFUSED, FINE, REFUSED]
-    assert np.isinf(taught.losses[[0, 2]]).all() and np.isfinite(taught.losses[1]).all()
-    assert taught.controllers[0] == brains[0] and taught.controllers[1] != brains[1]
+    trained = learn(bodies, scene, 2, controllers=brains)
+    assert trained.status.tolist() == [REFUSED, FINE, REFUSED]
+    assert np.isinf(trained.losses[[0, 2]]).all() and np.isfinite(trained.losses[1]).all()
+    assert trained.controllers[0] == brains[0] and trained.controllers[1] != brains[1]
 
 
 def test_steps_are_divided_where_the_scene_says_so() -> None:
@@ -93,8 +93,8 @@ def test_steps_are_divided_where_the_scene_says_so() -> None:
     losses, gradients = loss_and_gradient(bodies, brains, scene)
     assert losses.tolist() == [r.loss for r in rollouts] and gradients[0].w1.any()
     counted: list[int] = []
-    taught = learn(bodies, scene, 2, controllers=brains, progress=counted.append)
-    assert np.isfinite(taught.losses).all() and taught.losses[:, 0].tolist() == losses.tolist()
+    trained = learn(bodies, scene, 2, controllers=brains, progress=counted.append)
+    assert np.isfinite(trained.losses).all() and trained.losses[:, 0].tolist() == losses.tolist()
     assert counted == [1, 3]
 
 

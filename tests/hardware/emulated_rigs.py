@@ -13,21 +13,21 @@ import yaml
 from typer.testing import CliRunner
 
 from eldir.core.yaml_files import parse_yaml
-from hardware.clock import WallClock
-from hardware.commands.rig import rig as command
-from hardware.emulator.board import EmulatedBoard
-from hardware.rig.boards import emulator_of
-from hardware.rig.template import virtual_rig
+from eldir_app.commands.rig import rig as command
+from eldir_hardware.clock import WallClock
+from eldir_hardware.emulator.board import EmulatedBoard
+from eldir_hardware.rig.boards import emulator_of
+from eldir_hardware.rig.template import virtual_rig
 from tests.forked_programs import Forked
 
 HEAT = """
 import sys, time
-from hardware.guardian.client import Guardian
-from hardware.rig.configuration import Rig
+from eldir_hardware.guardian.client import Guardian
+from eldir_hardware.rig.configuration import Rig
 with Guardian(Rig.load(sys.argv[1])) as bank, bank.armed():
     bank.heat(time.monotonic() + 0.3, {1: 5.0, 3: 5.0})
     print(bank.process, flush=True)
-    bank.rest_until(time.monotonic() + 20, lambda report: None)
+    bank.wait_until(time.monotonic() + 20, lambda report: None)
 """
 
 

@@ -7,10 +7,10 @@ from types import SimpleNamespace
 import numpy as np
 
 from eldir.core.yaml_files import parse_yaml
-from hardware.planning.compiler import compile_schedule
-from hardware.rig.configuration import Rig
-from hardware.rig.sections import calibration_of
-from hardware.rig.template import virtual_rig
+from eldir_hardware.planning.compiler import compile_schedule
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.rig.sections import calibration_of
+from eldir_hardware.rig.template import virtual_rig
 
 
 @cache

@@ -5,8 +5,8 @@ import time
 
 import pytest
 
-from hardware.clock import VirtualClock, WallClock
-from hardware.guardian.commander import PATIENCE, Commander
+from eldir_hardware.clock import VirtualClock, WallClock
+from eldir_hardware.guardian.commander import PATIENCE, Commander
 
 
 def test_the_wall_clock_sleeps_in_short_naps(monkeypatch):

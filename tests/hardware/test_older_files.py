@@ -1,13 +1,18 @@
 """Files of earlier versions load, mean the same, and keep their bytes when they are written again."""
 
 import json
+import re
 
-from hardware.catalogue.notes import notes_file, read_notes, write_notes
-from hardware.safety.schedule_digests import schedule_digest
-from hardware.schedule import ActuationSchedule
+from eldir.core.yaml_files import parse_yaml
+from eldir.errors import InputError
+from eldir_app.catalogue.notes import notes_file, read_notes, write_notes
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.safety.schedule_digests import rig_digests, schedule_digest
+from eldir_hardware.schedule import ActuationSchedule
 from tests.paths import ROOT
 
 OLD = ROOT / "tests" / "data" / "old"
+PRESENT = ROOT / "ros2_nodes" / "eldir_ros" / "config" / "rig.yaml"
 
 
 def test_schedules_keep_their_bytes_and_digests(tmp_path):
@@ -34,3 +39,36 @@ def test_notes_keep_their_bytes(tmp_path):
     assert notes.tags == ("b-2", "good") and notes.notes[0].text == "Slipped at 40 s; läuft wieder"
     written = write_notes(tmp_path / "run.mcap", notes)
     assert written.read_bytes() == notes_file(OLD / "run.mcap").read_bytes()
+
+
+def test_a_rig_file_with_old_names_is_refused_with_the_new_ones(tmp_path):
+    """One after the other, until the file is as this version writes it."""
+    path = tmp_path / "rig.yaml"
+    text, count = (OLD / "rig.yaml").read_text(), 0
+    while True:
+        path.write_text(text)
+        try:
+            rig = Rig.load(path)
+        except InputError as error:
+            assert error.code == "rig.renamed-key"
+            section, old = str(error.key).split(".")
+            [new] = re.findall(rf"{error.key} is now called {section}\.(\w+); rename it: \1: ", str(error))
+            before, place, after = text.partition(f"\n{section}:")
+            text, count = before + place + after.replace(f"{old}:", f"{new}:", 1), count + 1
+        else:
+            break
+    assert rig.to_json() == Rig.load(PRESENT).to_json() and count == 8
+
+
+def test_a_log_with_old_names_has_the_same_rig():
+    old = Rig.from_json(parse_yaml((OLD / "rig.yaml").read_bytes(), "the log"))
+    assert old.to_json() == Rig.load(PRESENT).to_json()
+    values = Rig.load(PRESENT).to_json()
+    for word in ("specimen", "deviation"):
+        far = Rig.from_json({**values, "virtual": {"seed": 5, word: "far"}})
+        assert far.virtual.parameter_spread == "large"
+
+
+def test_a_schedule_fits_the_rig_whose_entries_have_other_names():
+    written = ActuationSchedule.load(PRESENT.with_name("schedule.json")).provenance.digests
+    assert written is not None and written.rig == rig_digests(Rig.load(PRESENT))

@@ -15,14 +15,14 @@ from hypothesis import strategies as st
 
 from eldir.built.heat import heat
 from eldir.errors import EldirError, InputError
-from hardware.planning.compiler import compile_schedule
-from hardware.rig.configuration import Rig
-from hardware.rig.template import real_rig, virtual_rig
-from hardware.safety import limits
-from hardware.safety.limits import LimitError
-from hardware.safety.schedule_digests import require_made_for, sealed
-from hardware.schedule import ActuationSchedule, Event
-from hardware.schedule_prediction import ScheduleProvenance
+from eldir_hardware.planning.compiler import compile_schedule
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.rig.template import real_rig, virtual_rig
+from eldir_hardware.safety import limits
+from eldir_hardware.safety.limits import LimitError
+from eldir_hardware.safety.schedule_digests import require_made_for, with_digests
+from eldir_hardware.schedule import ActuationSchedule, Event
+from eldir_hardware.schedule_prediction import ScheduleProvenance
 from tests.hardware.rigs_and_schedules import RIG, SCHEDULE, gait, rig_with
 from tests.paths import SCHEMAS
 from tests.raised import raises
@@ -46,7 +46,7 @@ def test_a_design_whose_name_is_no_text_is_named_in_the_file(tmp_path):
     """Not UTF-8: the virtual rig finds its robot, and the digest is that of the content."""
     name, path = os.fsdecode(b"caf\xe9.json"), tmp_path / "schedule.json"
     origin = ScheduleProvenance(design=name, seed=1, notes={"from": [{"log": name}]})
-    schedule = sealed(replace(SCHEDULE, provenance=origin, springs=(7, 12)), RIG)
+    schedule = with_digests(replace(SCHEDULE, provenance=origin, springs=(7, 12)), RIG)
     schedule.save(path)
     found = ActuationSchedule.load(path)
     assert found == schedule and found.provenance.design == name
@@ -116,14 +116,14 @@ def test_a_changed_value_is_an_error_or_another_sound_schedule(tmp_path_factory,
         (rig_with(supply={"current_limit_a": None}), "not-measured", "supply.current_limit_a", None),
         (rig_with(springs={"resistance_ohm": None}), "not-measured", "springs.resistance_ohm", None),
         (rig_with(cutoff=None), "stuck-contact", None, "expected at most 90 C; found [0-9]+ C"),
-        (rig_with(cutoff={"longest_on_s": 9.0}), "stuck-contact", None, "cut-off"),
+        (rig_with(cutoff={"max_on_s": 9.0}), "stuck-contact", None, "cut-off"),
         (rig_with(fan=None), "too-hot", None, None),
         (rig_with(fan={"interlocked": False}), "too-hot", None, None),
-        (rig_with(limits={"longest_on_s": 5.0}), "long-pulse", None, None),
-        (rig_with(limits={"least_off_s": 15.0}), "no-rest", None, None),
+        (rig_with(limits={"max_on_s": 5.0}), "long-pulse", None, None),
+        (rig_with(limits={"min_off_s": 15.0}), "no-rest", None, None),
         (rig_with(limits={"duty": 0.27}), "duty", None, "expected at most 0.27 of any 60 s; found 16.5"),
-        (rig_with(limits={"ceiling_c": 70}), "too-hot", None, "expected at most 70 C"),
-        (rig_with(supply={"budget_a": 7}), "supply", None, None),
+        (rig_with(limits={"max_temperature_c": 70}), "too-hot", None, "expected at most 70 C"),
+        (rig_with(supply={"max_total_current_a": 7}), "supply", None, None),
         (rig_with(board={"contact_rating_a": 3}), "contact-rating", None, None),
         (
             rig_with(channels=[{"channel": 2, "spring": 0, "face": "front"}]),
@@ -163,7 +163,7 @@ def test_the_hottest_springs_within_the_tolerance_are_checked(current):
 
 def test_without_cooling_in_between_the_temperature_counts_from_the_last_pulse():
     """Short periods add up: each pulse alone is harmless."""
-    rig = rig_with(limits={"least_off_s": 0.5, "duty": 1.0})
+    rig = rig_with(limits={"min_off_s": 0.5, "duty": 1.0})
     with raises(LimitError, "limit.too-hot"):
         compile_schedule(gait(duty=(0.7, 0.0), period=8.0, phase=(0, 0)), rig)
 
@@ -175,7 +175,7 @@ def test_without_cooling_in_between_the_temperature_counts_from_the_last_pulse()
     st.sampled_from([8.0, 16.0]),
 )
 def test_what_is_compiled_breaks_no_limit(period, springs, budget):
-    rig = rig_with(supply={"budget_a": budget})
+    rig = rig_with(supply={"max_total_current_a": budget})
     phase, duty = np.array(springs).T
     try:
         schedule = compile_schedule(gait(phase, duty, period), rig, cycles=3)
@@ -187,10 +187,12 @@ def test_what_is_compiled_breaks_no_limit(period, springs, budget):
     for column in states.T:
         edges = np.flatnonzero(np.diff(np.concatenate([[0], column, [0]])))
         on, off = edges[::2], edges[1::2]
-        assert dt * (off - on).max(initial=0) <= rig.limits.longest_on_s + dt + 1e-9
-        assert dt * (on[1:] - off[:-1]).min(initial=1e6) >= rig.limits.least_off_s - dt - 1e-9
+        assert dt * (off - on).max(initial=0) <= rig.limits.max_on_s + dt + 1e-9
+        assert dt * (on[1:] - off[:-1]).min(initial=1e6) >= rig.limits.min_off_s - dt - 1e-9
     worst = limits.worst_springs(rig)
-    assert heat(states, dt, worst).temperature.max() <= rig.limits.ceiling_c + 0.3  # rounding of the samples
+    assert (
+        heat(states, dt, worst).temperature.max() <= rig.limits.max_temperature_c + 0.3
+    )  # rounding of the samples
 
 
 # What schedules say of themselves.
@@ -269,8 +271,14 @@ def test_a_fresh_real_rig_does_not_arm(tmp_path):
         ("contact_rating_a: 10", "contact_rating: 10", "rig.missing-key", "board.contact_rating_a", ""),
         ("channels: 4", "channels: 12", "rig.inconsistent", "board", "lcus has at most 8 channels"),
         ("voltage_v: 11", "voltage_v: -11", "rig.wrong-value", "supply.voltage_v", ""),
-        ("ceiling_c: 90", "ceiling_c: 120", "rig.wrong-value", "limits.ceiling_c", ""),
-        ("budget_a: 16", "budget: 16", "rig.missing-key", "supply.budget_a", ""),
+        (
+            "max_temperature_c: 90",
+            "max_temperature_c: 120",
+            "rig.wrong-value",
+            "limits.max_temperature_c",
+            "",
+        ),
+        ("max_total_current_a: 16", "budget: 16", "rig.missing-key", "supply.max_total_current_a", ""),
         ("\nname:", "\n\tname:", "file.damaged", None, ""),
         ("eldir-rig/1", "eldir-rig/9", "file.other-format", None, ""),
     ],

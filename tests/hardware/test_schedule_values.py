@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from eldir.errors import InputError
-from hardware.schedule import ActuationSchedule, Event, Pulse
+from eldir_hardware.schedule import ActuationSchedule, Event, Pulse
 
 EVENTS = (
     Event(0.0, 0, "front", 1, True),

@@ -13,7 +13,7 @@ FILES = sorted((ROOT / "docker").glob("*.Dockerfile"))
 
 def test_what_is_kept_is_there_and_is_what_the_wheel_is_built_from() -> None:
     assert all((ROOT / name).exists() for name in KEPT)
-    for name in ("pyproject.toml", "README.md", "LICENSE", "eldir", "cad", "calibration", "hardware"):
+    for name in ("pyproject.toml", "README.md", "LICENSE", "eldir", "app", "cad", "calibration", "hardware"):
         assert name in KEPT
 
 

@@ -66,7 +66,7 @@ def test_the_version_comes_first_and_the_libraries_follow() -> None:
 
 def test_it_loads_nothing_heavy_and_takes_no_time() -> None:
     code = (
-        "import sys; sys.argv[1:] = ['info']; from eldir.commands.application import run_application;"
+        "import sys; sys.argv[1:] = ['info']; from eldir_app.application import run_application;"
         f"run_application(); print([m for m in {HEAVY} if m in sys.modules])"
     )
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -106,7 +106,7 @@ def test_a_missing_extra_comes_with_its_remedy(
 
 def test_the_tab_key_completes_commands() -> None:
     words = {"_ELDIR_COMPLETE": "complete_bash", "COMP_WORDS": "eldir inf", "COMP_CWORD": "1"}
-    code = "import sys; sys.argv[0] = 'eldir'; from eldir.commands.main import main; main()"
+    code = "import sys; sys.argv[0] = 'eldir'; from eldir_app.main import main; main()"
     said = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, env={**os.environ, **words}, check=False
     )
@@ -115,7 +115,7 @@ def test_the_tab_key_completes_commands() -> None:
 
 def test_windows_gets_one_line() -> None:
     """The platform's name is changed before the command starts; all that it then does is to say so."""
-    code = "import sys; sys.platform = 'win32'; from eldir.commands.main import main; main()"
+    code = "import sys; sys.platform = 'win32'; from eldir_app.main import main; main()"
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert result.returncode == 1 and result.stdout == ""
     assert result.stderr == "eldir: eldir does not run on Windows; expected Linux; use WSL or a container\n"

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.installed_wheel import PACKAGES, Installation, installation
-from tests.paths import ROOT
+from tests.installed_wheel import Installation, installation
+from tests.paths import PACKAGES, ROOT
 
 
 @pytest.fixture(scope="module")
@@ -19,9 +19,9 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Installation:
 def test_the_wheel_from_the_sdist_holds_every_file_of_the_packages(installed: Installation) -> None:
     """Python and data: what `importlib.resources` and `__file__` reach in the checkout is there."""
     tree = {
-        path.relative_to(ROOT).as_posix(): path.read_bytes()
-        for package in PACKAGES
-        for path in (ROOT / package).rglob("*")
+        path.relative_to(package.parent).as_posix(): path.read_bytes()
+        for package in PACKAGES.values()
+        for path in package.rglob("*")
         if path.is_file() and "__pycache__" not in path.parts
     }
     with zipfile.ZipFile(installed.wheel) as wheel:
@@ -33,8 +33,9 @@ def test_the_wheel_from_the_sdist_holds_every_file_of_the_packages(installed: In
 
 def test_the_environment_is_not_the_checkout(installed: Installation, tmp_path: Path) -> None:
     code = (
-        "import json, sys, eldir, cad, calibration, hardware;"
-        "print(json.dumps([sys.path, [m.__file__ for m in (eldir, cad, calibration, hardware)]]))"
+        "import json, sys, eldir, eldir_app, eldir_cad, eldir_calibration, eldir_hardware;"
+        "found = [m.__file__ for m in (eldir, eldir_app, eldir_cad, eldir_calibration, eldir_hardware)];"
+        "print(json.dumps([sys.path, found]))"
     )
     result = installed.run("python", "-c", code, folder=tmp_path)
     paths, files = json.loads(result.stdout)

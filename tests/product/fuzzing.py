@@ -23,34 +23,34 @@ from typing import Any, NamedTuple
 import numpy as np
 import yaml
 
-from cad.kit.data_files import own_data
-from cad.kit.defaults import PRINTER
-from cad.kit.printer import load_printer
-from cad.kit.specification import load_specification
-from cad.packet.wiring_file import read_wiring
-from calibration.camera.lens import Lens
-from calibration.camera.plane import Plane, TagBoard
 from eldir.built.scene import BuiltScene
 from eldir.design import Design
 from eldir.errors import EldirError
 from eldir.evolution.designs import open_run
 from eldir.evolution.printed.run_folder import PrintedRun
 from eldir.evolution.run_folder import RunFolder
-from eldir.evolution.search import Evolution
+from eldir.evolution.search import EvolutionConfig
 from eldir.lattice import Lattice
 from eldir.trajectory import Trajectory
-from hardware.analysis.spring_record import load_recording
-from hardware.log.reader import read_log
-from hardware.log.recorder import Recorder
-from hardware.log.recover import recover_log
-from hardware.rig.configuration import Rig
-from hardware.rig.template import real_rig, virtual_rig
-from hardware.rig.told import told_by
-from hardware.schedule import ActuationSchedule
-from hardware.vision.sources import open_source
-from tests.calibration.camera.lenses import lens_of
+from eldir_cad.kit.data_files import own_data
+from eldir_cad.kit.defaults import PRINTER
+from eldir_cad.kit.printer import load_printer
+from eldir_cad.kit.specification import load_specification
+from eldir_cad.packet.wiring_file import read_wiring
+from eldir_calibration.identification.spring_record import load_recording
+from eldir_hardware.camera.lens import Lens
+from eldir_hardware.camera.plane import Plane, TagBoard
+from eldir_hardware.log.reader import read_log
+from eldir_hardware.log.recorder import Recorder
+from eldir_hardware.log.recover import recover_log
+from eldir_hardware.rig.board_hints import read_board_hints
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.rig.template import real_rig, virtual_rig
+from eldir_hardware.schedule import ActuationSchedule
+from eldir_hardware.vision.sources import open_source
 from tests.eldir.evolution.printed.small_searches import SMALL
 from tests.eldir.random_design import make_design
+from tests.hardware.camera.lenses import lens_of
 from tests.hardware.log.log_contents import EPOCH, NAMES, POSITIONS, picture
 from tests.hardware.rigs_and_schedules import SCHEDULE
 from tests.paths import DATA
@@ -157,7 +157,7 @@ def _yaml(values: Any) -> str:
     return str(yaml.safe_dump(values))
 
 
-_PAPER = Evolution(Lattice(4, 6), population=10, generations=3, iterations=4, seed=2)
+_PAPER = EvolutionConfig(Lattice(4, 6), population=10, generations=3, iterations=4, seed=2)
 _SCENE = (DATA / "built-scene-1.json").read_bytes()
 
 FORMATS: dict[str, Format] = {
@@ -176,7 +176,9 @@ FORMATS: dict[str, Format] = {
     "virtual rig": Format(_file("rig.yaml", virtual_rig(3, "design.json")), Rig.load, _yaml),
     "real rig": Format(_file("rig.yaml", real_rig("lcus", "/dev/ttyUSB0")), Rig.load, _yaml),
     "rig for rig off": Format(
-        _file("rig.yaml", real_rig("modbus", "/dev/ttyUSB0")), lambda p: told_by(p.read_bytes()), _yaml
+        _file("rig.yaml", real_rig("modbus", "/dev/ttyUSB0")),
+        lambda p: read_board_hints(p.read_bytes()),
+        _yaml,
     ),
     "parts": Format(_file("parts.yaml", own_data("parts.yaml").read_bytes()), load_specification, _yaml),
     "printer": Format(

@@ -8,7 +8,7 @@ import sys
 import pytest
 import typer
 
-from eldir.commands.main import application
+from eldir_app.application import application
 from tests.eldir.random_design import make_design
 
 COMMANDS = ["demo", "evolve", "shortlist", "show", "packet", "gait", "track", "report"]
@@ -32,7 +32,7 @@ def assert_one_line(result: subprocess.CompletedProcess, status: int, *words: st
 
 def test_help_lists_the_commands_and_loads_nothing_heavy():
     code = (
-        "import sys; from eldir.commands.main import application; application();"
+        "import sys; from eldir_app.application import application; application();"
         "print([m for m in ('taichi', 'trimesh', 'cv2', 'numpy', 'scipy', 'matplotlib', 'pyarrow',"
         " 'rosbags', 'mcap', 'serial') if m in sys.modules])"
     )
@@ -149,10 +149,10 @@ def test_completion_is_installed_for_bash_or_the_reason_is_told(tmp_path):
 
 def test_control_c_is_answered_with_a_word():
     code = (
-        "import sys, time; import hardware.rig.configuration as c;"
+        "import sys, time; import eldir_hardware.rig.configuration as c;"
         "c.Rig.load = lambda path: (print('begun', flush=True), time.sleep(60));"
         "sys.argv[1:] = ['rig', 'doctor', '--rig', 'x.yaml'];"
-        "from eldir.commands.main import main; main()"
+        "from eldir_app.main import main; main()"
     )
     with subprocess.Popen(
         [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
@@ -168,10 +168,10 @@ def test_control_c_during_an_import_is_not_lost(tmp_path):
     (tmp_path / "inner.py").write_text("import time\nprint('begun', flush=True)\ntime.sleep(3)\n")
     (tmp_path / "outer.py").write_text("try:\n    import inner\nexcept BaseException:\n    pass\n")
     code = (
-        "import sys, time; import hardware.rig.configuration as c;"
+        "import sys, time; import eldir_hardware.rig.configuration as c;"
         "c.Rig.load = lambda path: (__import__('outer'), print('driven'), time.sleep(60));"
         "sys.argv[1:] = ['rig', 'doctor', '--rig', 'x.yaml'];"
-        "from eldir.commands.main import main; main()"
+        "from eldir_app.main import main; main()"
     )
     with subprocess.Popen(
         [sys.executable, "-c", code],

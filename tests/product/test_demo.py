@@ -14,16 +14,16 @@ import pytest
 import yaml
 from rosbags.highlevel import AnyReader
 
-from cad.packet.folder import write_packet
 from eldir.design import Design
 from eldir.marks import marked_masses
-from hardware.catalogue.comparison import compared_run
-from hardware.catalogue.index import Index
-from hardware.catalogue.runs import find_runs
-from hardware.demo import Demo, folder_size
-from hardware.planning.plan import plan
-from hardware.rig.configuration import Rig
-from hardware.virtual.rig import BodyFrame
+from eldir_app.catalogue.comparison import compared_run
+from eldir_app.catalogue.index import Index
+from eldir_app.catalogue.runs import find_runs
+from eldir_app.demo import Demo, folder_size
+from eldir_cad.packet.folder import write_packet
+from eldir_hardware.planning.plan import plan
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.virtual.rig import BodyFrame
 from tests.installed_wheel import installation
 from tests.paths import ROOT, SCHEMAS
 
@@ -33,7 +33,7 @@ SEED, SAMPLES, CYCLES = 5, 4, 2
 CIRCLE = f"""
 import pickle
 from pathlib import Path
-from hardware.demo import run_demo
+from eldir_app.demo import run_demo
 truth = []
 found = run_demo(
     Path("demo"), {SEED}, population=4, generations=0, at_most=0, finalists=1, samples={SAMPLES},

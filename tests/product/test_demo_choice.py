@@ -5,7 +5,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cad.shortlist.ranking import Shortlist
 from eldir.errors import EldirError
 from eldir.evolution.printed.archive import Archive, Niche, Walker
 from eldir.evolution.printed.search import PrintedSearch
@@ -13,7 +12,8 @@ from eldir.genotype import random_genotypes
 from eldir.lattice import Lattice
 from eldir.marks import marked_masses
 from eldir.morphology import develop
-from hardware.demo import choose_design, walks_well
+from eldir_app.demo import choose_design, walks_well
+from eldir_cad.shortlist.ranking import Shortlist
 from tests.eldir.evolution.printed.small_searches import SMALL, genomes
 from tests.raised import raises
 

@@ -14,15 +14,15 @@ import jsonschema
 import pytest
 import typer
 
-from eldir.commands.main import application
-from tests.paths import ROOT
+from eldir_app.application import GROUP, application
+from tests.paths import NODES, PACKAGES, ROOT
 
 FOLDERS = ("docs", "ros2_nodes", "benchmarks")
 EVERY = [page for name in FOLDERS for page in (ROOT / name).rglob("*.md")]
 PAGES = sorted([*ROOT.glob("*.md"), *(p for p in EVERY if "generated" not in p.parts)])  # by `make docs`
 PYTHON = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
 DOTTED = re.compile(
-    r"(?<![\w./-])((?:eldir|cad|calibration|hardware|eldir_ros)(?:\.[A-Za-z_]\w*)+)(?!\.?[*\w])(?![(]?/)"
+    r"(?<![\w./-])((?:eldir(?:_cad|_hardware|_calibration|_app|_ros)?)(?:\.[A-Za-z_]\w*)+)(?!\.?[*\w])(?![(]?/)"
 )
 FENCE = re.compile(r"^```.*?^```", re.MULTILINE | re.DOTALL)
 CALL = re.compile(r"(?:^ {4}|`)(?:\.venv/bin/)?eldir ((?:[a-z-]+)(?: [^`\n|]*)?)", re.MULTILINE)
@@ -147,13 +147,12 @@ def test_every_page_is_listed() -> None:
 
 def test_every_module_that_is_named_is_there() -> None:
     """Dotted names in code, messages, pages and settings. Decision records and the changelog are history."""
-    groups = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["entry-points"]
-    ros = ROOT / "ros2_nodes" / "eldir_ros"
-    texts = [ROOT / "pyproject.toml", ROOT / "Makefile", ros / "setup.py", ros / "setup.cfg"]
-    for folder in ("eldir", "cad", "calibration", "hardware", "ros2_nodes", "examples", "docs", "tests"):
+    groups = {GROUP, *tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["entry-points"]}
+    texts = [ROOT / "pyproject.toml", ROOT / "Makefile", NODES / "setup.py", NODES / "setup.cfg"]
+    for folder in (*PACKAGES.values(), *(ROOT / n for n in ("ros2_nodes", "examples", "docs", "tests"))):
         texts += [
             p
-            for p in (ROOT / folder).rglob("*")
+            for p in folder.rglob("*")
             if p.suffix in (".py", ".md", ".yaml", ".json", ".html") and "generated" not in p.parts
         ]
     for path in [*texts, *ROOT.glob("*.md")]:
@@ -164,8 +163,7 @@ def test_every_module_that_is_named_is_there() -> None:
 
 def is_there(words: list[str]) -> bool:
     """Whether the words are a module, perhaps followed by names that it has."""
-    parent = ROOT / "ros2_nodes" / "eldir_ros" if words[0] == "eldir_ros" else ROOT
-    folder, rest = parent / words[0], words[1:]
+    folder, rest = PACKAGES.get(words[0], NODES / words[0]), words[1:]
     while rest and (folder / rest[0]).is_dir():
         folder, rest = folder / rest[0], rest[1:]
     if not rest or ((folder / f"{rest[0]}.py").exists() and (len(rest) == 1 or words[0] == "eldir_ros")):
@@ -179,9 +177,7 @@ def is_there(words: list[str]) -> bool:
 
 def test_every_format_has_its_schema_and_every_schema_its_format() -> None:
     """But for what is inside Parquet, MCAP and 3MF files."""
-    code = "".join(
-        p.read_text() for d in ("eldir", "cad", "calibration", "hardware") for p in (ROOT / d).rglob("*.py")
-    )
+    code = "".join(p.read_text() for folder in PACKAGES.values() for p in folder.rglob("*.py"))
     inside = {
         "generation", "part", "survivors", "printed-generation", "printed-archive", "log", "plate",
     }  # fmt: skip

@@ -13,7 +13,7 @@ pytestmark = pytest.mark.slow
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 PRINTS = {
     "drive_printed_robot.py": "marks.png",
-    "evolve_and_teach.py": "the run is in",
+    "evolve_and_train.py": "the run is in",
     "fit_stiffness.py": "stiffness: 1.2",
     "gradient_check.py": "central difference",
     "own_loss.py": "update 5",

@@ -14,11 +14,11 @@ import pytest
 
 from eldir.errors import InputError
 from eldir.evolution import tables
-from hardware.images.video import write_webm
-from hardware.rig.configuration import Rig
-from hardware.rig.template import virtual_rig
+from eldir_hardware.images.video import write_webm
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.rig.template import virtual_rig
+from tests.app.catalogue.small_logs_and_reports import record
 from tests.eldir.random_design import make_design
-from tests.hardware.catalogue.small_logs_and_reports import record
 from tests.raised import raises
 
 ODD = os.fsdecode(b"dir\xe4")

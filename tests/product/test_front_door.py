@@ -48,7 +48,7 @@ def test_the_star_brings_the_public_names_and_no_others() -> None:
     documented = set(
         re.findall(r"^\| `eldir\.(\w+)", (ROOT / "docs/reference/python.md").read_text(), re.MULTILINE)
     )
-    documented |= {"Evolution", "Genotype", "Morphology"}  # named within the rows
+    documented |= {"EvolutionConfig", "Genotype", "Morphology"}  # named within the rows
     assert documented == set(brought) - {"__builtins__"} == set(eldir.__all__)
 
 
@@ -58,9 +58,9 @@ def test_wrong_arguments_are_named() -> None:
     with raises(InputError, "input.wrong-value", "n"):
         eldir.random_genotypes(lattice, 0, rng)
     bodies = [eldir.develop(lattice, g) for g in eldir.random_genotypes(lattice, 2, rng, max_active=2)]
-    taught = eldir.learn(bodies, scene, iterations=1).controllers
+    trained = eldir.learn(bodies, scene, iterations=1).controllers
     with raises(InputError, "input.wrong-shape", "w1 of controller 0"):
-        eldir.learn(bodies, scene, iterations=1, controllers=taught[::-1])
+        eldir.learn(bodies, scene, iterations=1, controllers=trained[::-1])
     robot = eldir.built.build(bodies[0])
     lengths = np.full((3, bodies[0].motors), 0.035)
     with raises(InputError, "input.wrong-value", "interval"):

@@ -2,7 +2,7 @@
 
 import pytest
 
-from eldir.commands import progress
+from eldir_app.terminal import progress
 
 
 class Time:

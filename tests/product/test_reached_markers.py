@@ -2,7 +2,7 @@
 
 import pytest
 
-from hardware.clock import VirtualClock
+from eldir_hardware.clock import VirtualClock
 from tests.hardware.emulated_rigs import emulated, heating_program
 
 

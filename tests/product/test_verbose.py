@@ -56,7 +56,8 @@ def test_the_option_adds_lines_on_stderr_alone(how, said):
     assert ("DEBUG", "eldir", "eldir.core.files") in [line[:3] for line in found]
     assert any(text.startswith(f"wrote {how}.yaml (") for *_, text in found)
     assert all(
-        module.split(".")[0] in ("eldir", "hardware", "cad", "calibration") for _, _, module, _ in found
+        module.split(".")[0] in ("eldir", "eldir_app", "eldir_hardware", "eldir_cad", "eldir_calibration")
+        for _, _, module, _ in found
     )
 
 
@@ -104,17 +105,17 @@ def test_the_emergency_stop_takes_the_option_and_its_short_way(words, tmp_path):
     assert result.returncode == 0, result.stderr
     found = lines(result)
     assert {program for _, program, _, _ in found} == {"eldir rig off"}, "the way that loads no other command"
-    off = [text for _, _, module, text in found if module == "hardware.safety.unlocked_port"]
+    off = [text for _, _, module, text in found if module == "eldir_hardware.safety.unlocked_port"]
     assert off[0].startswith(f"to {board.port}: a0 01 00 a1")
 
 
 def test_one_module_alone(tmp_path):
     with emulated("lcus") as board:
         path = rig_file(tmp_path / "rig.yaml", "lcus", board.port)
-        result = eldir("rig", "reset", "--rig", path, log="hardware.relay=debug,warning")
+        result = eldir("rig", "reset", "--rig", path, log="eldir_hardware.relay=debug,warning")
     assert result.returncode == 0
     found = lines(result)
-    assert {module for _, _, module, _ in found} == {"hardware.relay.line"}
+    assert {module for _, _, module, _ in found} == {"eldir_hardware.relay.line"}
     assert any(text == f"to {board.port}: a0 01 00 a1" for *_, text in found)
 
 

@@ -7,21 +7,22 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from eldir_ros.conversions import board, frames, header_of, marks, nanoseconds, pictures, robot, runs, time_of
 from rosbags.highlevel import AnyReader
 from scipy.spatial.transform import Rotation
 
-from cad.multibody.urdf import urdf
-from calibration.camera.pose import CameraPose
 from eldir.errors import InputError
-from hardware.images import jpeg
-from hardware.log.reader import read_log
-from hardware.log.recorder import Recorder
-from hardware.rig.configuration import Rig
-from hardware.rig.template import virtual_rig
-from hardware.run.contact_edges import ContactEdge
-from hardware.schedule import ActuationSchedule, Event
-from tests.calibration.camera.lenses import lens_of
+from eldir_cad.multibody.urdf import urdf
+from eldir_hardware.camera.pose import CameraPose
+from eldir_hardware.images import jpeg
+from eldir_hardware.log.reader import read_log
+from eldir_hardware.log.recorder import Recorder
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.rig.template import virtual_rig
+from eldir_hardware.run.contact_edges import ContactEdge
+from eldir_hardware.schedule import ActuationSchedule, Event
+from eldir_ros.conversions import board, frames, header_of, marks, nanoseconds, pictures, robot, runs, time_of
+from tests.hardware.camera.lenses import lens_of
+from tests.paths import NODES
 from tests.raised import raises
 from tests.ros2_nodes.message_types import new_message, passed, store
 
@@ -46,7 +47,7 @@ def test_what_runs_without_ros_imports_no_ros():
     modules += " remote.remote_bank remote.schedule_run"
     names = ", ".join(f"eldir_ros.{m}" for m in modules.split())
     code = f"import sys, {names}; sys.exit(any(m.split('.')[0] == 'rclpy' for m in sys.modules))"
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+    assert subprocess.run([sys.executable, "-c", code], cwd=NODES, check=False).returncode == 0
 
 
 def test_a_stamp_comes_back_to_the_nanosecond():

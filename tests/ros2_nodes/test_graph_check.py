@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import pytest
+
 from eldir_ros.remote.graph_check import HEATING, OBSERVERS, Seen, examine
 
 NODES = (*HEATING, *OBSERVERS)

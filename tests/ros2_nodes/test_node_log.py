@@ -5,9 +5,9 @@ import logging
 import os
 
 import pytest
-from eldir_ros.base.node_log import NodeLogHandler, forward_records
 
 from eldir.core import program_log
+from eldir_ros.base.node_log import NodeLogHandler, forward_records
 
 
 class RosLogger:
@@ -61,7 +61,7 @@ def forwarded(monkeypatch):
 
 
 def log_all() -> None:
-    own = logging.getLogger("hardware.safety.latch")
+    own = logging.getLogger("eldir_hardware.safety.latch")
     for _ in range(2):
         own.debug("read %d records", 3)
         own.info("latched")
@@ -71,11 +71,11 @@ def log_all() -> None:
 
 
 ALL = [
-    ("debug", "hardware.safety.latch: read 3 records"),
-    ("info", "hardware.safety.latch: latched"),
-    ("warning", "hardware.safety.latch: odd"),
-    ("error", "hardware.safety.latch: gone"),
-    ("error", "hardware.safety.latch: hot"),
+    ("debug", "eldir_hardware.safety.latch: read 3 records"),
+    ("info", "eldir_hardware.safety.latch: latched"),
+    ("warning", "eldir_hardware.safety.latch: odd"),
+    ("error", "eldir_hardware.safety.latch: gone"),
+    ("error", "eldir_hardware.safety.latch: hot"),
 ]
 
 
@@ -89,8 +89,8 @@ def test_records_have_the_level_of_the_node(level, first, forwarded):
 
 
 def test_the_variable_counts_more(forwarded):
-    logger = forwarded(20, "hardware.safety=debug,error")
+    logger = forwarded(20, "eldir_hardware.safety=debug,error")
     log_all()
-    logging.getLogger("hardware.run").warning("not asked for")
+    logging.getLogger("eldir_hardware.run").warning("not asked for")
     assert logger.said == 2 * ALL
-    assert os.environ["ELDIR_LOG"] == "hardware.safety=debug,error"
+    assert os.environ["ELDIR_LOG"] == "eldir_hardware.safety=debug,error"

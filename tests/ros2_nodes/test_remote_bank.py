@@ -4,14 +4,14 @@ import threading
 import time
 
 import pytest
+
+from eldir.errors import EldirError
+from eldir_hardware.relay.errors import NotProvenOffError
+from eldir_hardware.safety.stop_signals import StoppedError
 from eldir_ros.conversions import runs
 from eldir_ros.remote.heartbeats import Heartbeats
 from eldir_ros.remote.obeyed_commands import ObeyedCommands
 from eldir_ros.remote.remote_bank import BEAT, CUT, END, InterruptedRunError
-
-from eldir.errors import EldirError
-from hardware.relay.errors import NotProvenOffError
-from hardware.safety.stop_signals import StoppedError
 from tests.ros2_nodes.remote_boards import Board
 
 
@@ -23,7 +23,7 @@ def board():
 
 
 def rest(board, seconds, seen=lambda report: None):
-    board.bank.rest_until(time.monotonic() + seconds, seen)
+    board.bank.wait_until(time.monotonic() + seconds, seen)
 
 
 def test_a_run_beats_reports_and_ends_proven_off(board):

@@ -5,17 +5,17 @@ import threading
 import time
 
 import pytest
+
+from eldir_hardware.safety.schedule_digests import with_digests
+from eldir_hardware.schedule import ActuationSchedule, Event
 from eldir_ros.conversions import runs
 from eldir_ros.remote.schedule_run import Order, ScheduleRun
-
-from hardware.safety.schedule_digests import sealed
-from hardware.schedule import ActuationSchedule, Event
 from tests.hardware.emulated_rigs import wait
 from tests.hardware.rigs_and_schedules import rig_with
 from tests.ros2_nodes.remote_boards import Board
 
-RIG = rig_with(limits={"least_off_s": 1.0}, cutoff={"longest_on_s": 2.0})
-SCHEDULE = sealed(
+RIG = rig_with(limits={"min_off_s": 1.0}, cutoff={"max_on_s": 2.0})
+SCHEDULE = with_digests(
     ActuationSchedule(
         1.5,
         events=(Event(0.0, 0, "front", 1, True), Event(0.3, 0, "front", 1, False)),
@@ -83,7 +83,7 @@ def when_it_heats(board, act):
         ({"text": EDITED}, "it was edited after eldir gait"),
         ({"text": json.dumps(SCHEDULE.to_json() | {"provenance": {}})}, "it has no digests"),
         (
-            {"rig": rig_with(limits={"least_off_s": 1.2}, cutoff={"longest_on_s": 2.0})},
+            {"rig": rig_with(limits={"min_off_s": 1.2}, cutoff={"max_on_s": 2.0})},
             "the rig file has other values in limits",
         ),
         ({"text": "[" * 100_000}, "more than 64 levels"),

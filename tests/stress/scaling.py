@@ -13,7 +13,7 @@ import time
 import numpy as np
 
 from eldir.evolution.cluster import shard_size
-from eldir.evolution.search import Evolution, Search
+from eldir.evolution.search import EvolutionConfig, Search
 from eldir.learning import learn
 
 _ROBOTS, _UPDATES, _TURNS = 32, 4, 5
@@ -21,7 +21,7 @@ _ROBOTS, _UPDATES, _TURNS = 32, 4, 5
 
 def measured() -> dict[int, tuple[float, float]]:
     """Robot-iterations a second and a processor second for numbers of threads, medians of some turns."""
-    config = Evolution(population=_ROBOTS, generations=0, seed=1)
+    config = EvolutionConfig(population=_ROBOTS, generations=0, seed=1)
     bodies = Search(config).ask().morphologies(config.lattice)
     counts = [n for n in (1, 2, 4, 8, 16, 32, 64) if n <= (os.cpu_count() or 1)]
     rates: dict[int, list[tuple[float, float]]] = {n: [] for n in counts}
@@ -51,7 +51,7 @@ def main() -> None:
     for threads, (clock, processor) in rates.items():
         told = f"{clock:.0f} robot-iterations a second, {processor:.0f} a processor second"
         print(f"{threads} threads: {told}, {100 * processor / rates[1][1]:.0f} % of one thread's")
-    config = Evolution(population=10_000, generations=0, seed=1)
+    config = EvolutionConfig(population=10_000, generations=0, seed=1)
     springs = np.array([len(b.springs) for b in Search(config).ask().morphologies(config.lattice)])
     for processes in (1, 4, 16, 64, 250, 1000, 4000):
         units = makespan(springs, processes)

@@ -11,23 +11,23 @@ import numpy as np
 import pytest
 import trimesh
 
-from cad.checks.buildability import check
-from cad.geometry.parts import cap, strip
-from cad.geometry.threemf import Item, threemf
-from cad.kit.fit import fitted_to_printer
-from cad.kit.printer import load_printer
-from cad.kit.specification import load_specification
-from cad.packet.coupon import coupon, write_coupon
-from cad.packet.folder import write_packet
 from eldir.controller import Controller
 from eldir.design import Design
 from eldir.evolution.designs import load_run
 from eldir.evolution.run_folder import RunFolder
-from eldir.evolution.search import Evolution
+from eldir.evolution.search import EvolutionConfig
 from eldir.genotype import random_genotypes
 from eldir.lattice import Lattice
 from eldir.morphology import develop
 from eldir.scene import Scene
+from eldir_cad.checks.buildability import check
+from eldir_cad.geometry.parts import cap, strip
+from eldir_cad.geometry.threemf import Item, threemf
+from eldir_cad.kit.fit import fitted_to_printer
+from eldir_cad.kit.printer import load_printer
+from eldir_cad.kit.specification import load_specification
+from eldir_cad.packet.coupon import coupon, write_coupon
+from eldir_cad.packet.folder import write_packet
 from tests.cad.geometry.slicing import MISSING, SLICER, slice_plate
 from tests.eldir.evolution.run_folders import go_on
 
@@ -49,7 +49,7 @@ def random_design(rows, columns, motors, seed):
 @pytest.fixture(scope="module")
 def designs(tmp_path_factory):
     """The last generation of a small run, evolved for building."""
-    config = Evolution(
+    config = EvolutionConfig(
         Lattice(6, 11), population=20, generations=1, max_active=2, static_margin=0.02, iterations=2, seed=7
     )
     run = RunFolder.create(tmp_path_factory.mktemp("runs") / "run", config)

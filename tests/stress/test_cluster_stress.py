@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 from eldir.errors import EldirError
-from eldir.evolution.loop import LocalTeacher, Shard, run_generations
+from eldir.evolution.loop import LocalTrainer, Shard, run_generations
 from eldir.evolution.printed.loop import evolve_printed
 from eldir.evolution.printed.run_folder import PrintedRun
-from eldir.evolution.printed.search import PrintedSearch, judged_here
+from eldir.evolution.printed.search import PrintedSearch, evaluate_here
 from eldir.evolution.run_folder import RunFolder
-from eldir.evolution.search import Evolution, Search
+from eldir.evolution.search import EvolutionConfig, Search
 from eldir.lattice import Lattice
 from eldir.scene import Scene
 from tests.eldir.evolution.printed.small_searches import SMALL
@@ -26,7 +26,7 @@ from tests.eldir.evolution.run_folders import contents
 ray = pytest.importorskip("ray", reason="Ray is not installed: pip install 'eldir[cluster]'")
 pytestmark = pytest.mark.stress
 
-CONFIG = Evolution(
+CONFIG = EvolutionConfig(
     Lattice(6, 11),
     population=72,
     generations=2,
@@ -74,9 +74,9 @@ def test_a_worker_is_killed_and_the_run_ends_with_the_same_bytes(tmp_path, clust
     from eldir.evolution.cluster import Cluster
 
     alone = RunFolder.create(tmp_path / "alone", CONFIG)
-    run_generations(alone, alone.restore(), LocalTeacher())
-    teacher = Cluster()
-    assert (teacher.processes, teacher.threads, teacher.robots_at_once(72)) == (3, 1, 6)
+    run_generations(alone, alone.restore(), LocalTrainer())
+    trainer = Cluster()
+    assert (trainer.processes, trainer.threads, trainer.robots_at_once(72)) == (3, 1, 6)
     together = RunFolder.create(tmp_path / "together", CONFIG)
     killed: list[int] = []
 
@@ -88,7 +88,7 @@ def test_a_worker_is_killed_and_the_run_ends_with_the_same_bytes(tmp_path, clust
                 killed.append(learning[0])
 
     threading.Thread(target=kill, daemon=True).start()
-    run_generations(together, together.restore(), teacher)
+    run_generations(together, together.restore(), trainer)
     assert killed
     assert contents(together.path) == contents(alone.path)
 
@@ -142,9 +142,9 @@ def test_printed_robots_are_judged_with_the_same_bytes(tmp_path, cluster):
     from eldir.evolution.cluster import Cluster
 
     machines = Cluster()
-    for name, judge in (("alone", judged_here), ("together", machines.judge)):
+    for name, evaluate in (("alone", evaluate_here), ("together", machines.evaluate)):
         run = PrintedRun.create(tmp_path / name, SMALL)
-        assert evolve_printed(run, judge=judge)
+        assert evolve_printed(run, evaluate=evaluate)
     assert contents(tmp_path / "together") == contents(tmp_path / "alone")
 
 
@@ -152,6 +152,6 @@ def test_other_code_on_a_node_ends_a_run_of_printed_robots(cluster, monkeypatch)
     from eldir.evolution import cluster as module
 
     monkeypatch.setattr(module, "source_digest", lambda: "0123456789ab")
-    search = PrintedSearch(SMALL, judge=module.Cluster().judge)
+    search = PrintedSearch(SMALL, evaluate=module.Cluster().evaluate)
     with pytest.raises(EldirError, match=r"runs other code.*same version"):
         search.step()

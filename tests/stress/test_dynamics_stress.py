@@ -16,14 +16,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calibration.dynamics.measurements import Measurements
-from calibration.dynamics.results import identify_robot
 from eldir.built.robot import build
 from eldir.built.scene import BuiltScene
 from eldir.parameters.printed import BuiltParameters
-from eldir.parameters.robot import RobotParameters
-from eldir.parameters.uncertain import QUANTITIES
-from hardware.analysis.identification import OTHER_JOINTS
+from eldir.parameters.robot import QUANTITIES, RobotParameters
+from eldir_calibration.dynamics.measurements import Measurements
+from eldir_calibration.dynamics.results import identify_robot
+from eldir_calibration.identification.identification import OTHER_JOINTS
 from tests.calibration.dynamics.hidden_rigs import NOMINAL, PHASE, film, hidden, unequal, uneven, walker
 
 pytestmark = pytest.mark.stress

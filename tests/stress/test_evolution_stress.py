@@ -7,7 +7,7 @@ import pytest
 
 from eldir.evolution.designs import load_run
 from eldir.evolution.run_folder import RunFolder, load_generation
-from eldir.evolution.search import Evolution, Search
+from eldir.evolution.search import EvolutionConfig, Search
 from eldir.lattice import Lattice
 from eldir.learning import learn
 from tests.eldir.evolution.evolve_processes import SMALL, contents, start
@@ -17,7 +17,7 @@ pytestmark = pytest.mark.stress
 
 @pytest.mark.parametrize("crossover", ["none", "joint", "distinct"])
 def test_learning_improves_over_generations_and_few_robots_are_unstable(tmp_path, crossover):
-    config = Evolution(Lattice(), population=48, generations=12, crossover=crossover, seed=2)
+    config = EvolutionConfig(Lattice(), population=48, generations=12, crossover=crossover, seed=2)
     run = RunFolder.create(tmp_path / "run", config)
     search = Search(config)
     means = []
@@ -64,7 +64,7 @@ def test_a_run_that_is_killed_again_and_again_ends_with_the_same_bytes(tmp_path)
 
 def test_the_first_generation_of_ten_thousand():
     """The paper's 70 000: 176.15 +- 67.79 springs, 0.49 +- 0.04 of them active (bits of probability 1/2)."""
-    search = Search(Evolution(population=10_000, seed=1))
+    search = Search(EvolutionConfig(population=10_000, seed=1))
     before = time.process_time()
     robots = search.ask()
     drawn = time.process_time()

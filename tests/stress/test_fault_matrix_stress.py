@@ -5,7 +5,7 @@ from collections import deque
 
 import pytest
 
-from hardware.relay.registration import kinds
+from eldir_hardware.relay.registration import kinds
 from tests.hardware.run.fault_matrix import NeverHeatedError, drawn, strike
 from tests.hardware.run.faults import FAULTS
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hardware.schedule import ActuationSchedule
+from eldir_hardware.schedule import ActuationSchedule
 from tests.hardware.rigs_and_schedules import rig_with
 from tests.hardware.safety.replayed_heat import (
     CORNERS,
@@ -19,7 +19,7 @@ from tests.hardware.safety.replayed_heat import (
 from tests.paths import DATA
 
 pytestmark = pytest.mark.stress
-BOARDS = ({"kind": "lcus"}, {"kind": "modbus", "second_flash": "restarts"})
+BOARDS = ({"kind": "lcus"}, {"kind": "modbus", "retriggerable": True})
 
 
 @pytest.mark.parametrize("board", BOARDS, ids=lambda b: b["kind"])

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hardware.log.background import BackgroundRecorder
-from hardware.log.reader import read_log
-from hardware.log.recorder import Recorder
-from hardware.log.recover import recover_log
-from hardware.vision.virtual_camera import VirtualCamera
+from eldir_hardware.log.background import BackgroundRecorder
+from eldir_hardware.log.reader import read_log
+from eldir_hardware.log.recorder import Recorder
+from eldir_hardware.log.recover import recover_log
+from eldir_hardware.vision.virtual_camera import VirtualCamera
 from tests.hardware.log.damaged_logs import kill_and_recover, messages, record
 from tests.hardware.log.log_contents import EPOCH
 from tests.hardware.vision.walking_films import BODY, MARKED, NAMES, SPACE, SPRINGS, walk

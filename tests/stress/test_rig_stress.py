@@ -5,10 +5,10 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from calibration.springs.fit import fit_springs
-from hardware.analysis.spring_record import load_recording
-from hardware.relay.registration import kinds
-from hardware.rig.boards import driver_of
+from eldir_calibration.identification.spring_record import load_recording
+from eldir_calibration.springs.fit import fit_springs
+from eldir_hardware.relay.registration import kinds
+from eldir_hardware.rig.boards import driver_of
 from tests.calibration.springs.spring_recordings import FORMER, recorded
 from tests.calibration.springs.spring_tables import Truth, write
 from tests.calibration.springs.spring_tables import measure as measure_spring

@@ -13,12 +13,12 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from calibration.dynamics.recording import FilmedBody
-from calibration.dynamics.results import identify_robot
-from calibration.dynamics.verdict import doubtful, predictions, sentences
 from eldir.built.scene import Identification
 from eldir.parameters.robot import RobotParameters
-from hardware.analysis.identification import OTHER_JOINTS
+from eldir_calibration.dynamics.recording import FilmedBody
+from eldir_calibration.dynamics.results import identify_robot
+from eldir_calibration.dynamics.verdict import doubtful, predictions, sentences
+from eldir_calibration.identification.identification import OTHER_JOINTS
 from tests.calibration.dynamics.hidden_rigs import NOMINAL, PHASE, walker
 from tests.calibration.dynamics.mujoco_films import SecondRig, random_body, second_rig
 

@@ -6,10 +6,10 @@ from time import process_time
 import numpy as np
 import pytest
 
-from cad.multibody.model import Numerics
 from eldir.built.gait import Gait, free_lengths
 from eldir.built.robot import build
 from eldir.built.walking import displacements
+from eldir_cad.multibody.model import Numerics
 from tests.calibration.dynamics.hidden_rigs import PHASE, walker
 from tests.hardware.virtual.multibody_models import FREE, pinned, robot, walk
 

@@ -20,7 +20,7 @@ from eldir.built.screening import candidate_gaits, soft_walks
 from eldir.built.walking import displacements
 from eldir.controller import Controller
 from eldir.core.records import FloatArray
-from eldir.evolution.search import Evolution, Search
+from eldir.evolution.search import EvolutionConfig, Search
 from eldir.lattice import Lattice
 from eldir.learning import learn
 from eldir.morphology import Morphology
@@ -28,7 +28,7 @@ from eldir.parameters.robot import RobotParameters
 from eldir.rollout import simulate
 from eldir.scene import Scene
 from eldir.training.randomisation import Randomisation
-from hardware.virtual.far import far_from
+from eldir_hardware.virtual.bodies import far_from
 from tests.calibration.dynamics.hidden_rigs import NOMINAL
 
 pytestmark = pytest.mark.stress
@@ -66,7 +66,7 @@ def between(values: FloatArray) -> str:
 
 
 def test_transfer_to_rigs_that_nobody_saw() -> None:
-    config = Evolution(
+    config = EvolutionConfig(
         Lattice(6, 11), DRAWN * DESIGNS, max_active=2, static_margin=0.02, buildable=True, seed=11
     )
     asked = Search(config).ask()

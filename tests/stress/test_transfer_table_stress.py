@@ -12,9 +12,6 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from cad.checks.buildability import check
-from cad.kit.printer import load_printer
-from cad.kit.specification import load_specification
 from eldir.built.screening import screen
 from eldir.controller import Controller
 from eldir.design import Design
@@ -22,8 +19,11 @@ from eldir.genotype import random_genotypes
 from eldir.lattice import Lattice
 from eldir.morphology import develop
 from eldir.scene import Scene
-from hardware.analysis.transfer import TransferSettings, WalkingDesign, compare_walks
-from hardware.analysis.transfer_verdict import GOALS, Verdict
+from eldir_cad.checks.buildability import check
+from eldir_cad.kit.printer import load_printer
+from eldir_cad.kit.specification import load_specification
+from eldir_calibration.transfer.transfer import TransferSettings, WalkingDesign, compare_walks
+from eldir_calibration.transfer.transfer_verdict import GOALS, TransferVerdict
 
 pytest.importorskip("mujoco")
 pytestmark = pytest.mark.stress
@@ -68,7 +68,7 @@ def test_twenty_random_designs() -> None:
             f"MuJoCo {there:+.2f} {one.fault_counts or ''}, {one.inside.sum()} of 8 within",
             flush=True,
         )
-    verdict = Verdict.of(compared)
+    verdict = TransferVerdict.of(compared)
     print(*verdict.in_words, sep="\n")
     agreement = verdict.every
     print(agreement)

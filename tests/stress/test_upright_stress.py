@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.dynamics.upright import stayed_upright
 from eldir.built.gait import Gait, free_lengths_of_all
 from eldir.built.motion import FINE, drive
 from eldir.built.robot import BuiltRobot, build
@@ -21,6 +20,7 @@ from eldir.morphology import Morphology, develop
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.springs import SpringParameters
 from eldir.trajectory import Trajectory
+from eldir_calibration.dynamics.recording import stayed_upright
 
 pytestmark = pytest.mark.stress
 BODIES, CYCLES = 40, 3

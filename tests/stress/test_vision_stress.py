@@ -8,14 +8,14 @@ import cv2
 import numpy as np
 import pytest
 
-from calibration.camera.tags import calibrate_plane
 from eldir.errors import InputError
-from hardware.images import jpeg
-from hardware.log.reader import read_log
-from hardware.log.recorder import Recorder
-from hardware.markers.discs import DiscTracker
-from hardware.vision.pipeline import follow
-from hardware.vision.virtual_camera import VirtualCamera
+from eldir_hardware.camera.tags import calibrate_plane
+from eldir_hardware.images import jpeg
+from eldir_hardware.log.reader import read_log
+from eldir_hardware.log.recorder import Recorder
+from eldir_hardware.markers.discs import DiscTracker
+from eldir_hardware.vision.pipeline import follow
+from eldir_hardware.vision.virtual_camera import VirtualCamera
 from tests.hardware.markers.other_things_in_view import disturbed_film
 from tests.hardware.vision.walking_films import BODY, MARKED, NAMES, SPACE, SPRINGS, cover, film, walk
 

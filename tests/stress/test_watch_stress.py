@@ -15,18 +15,18 @@ import cv2
 import numpy as np
 import pytest
 
-from hardware.planning.compiler import compile_schedule
-from hardware.relay.registration import kinds
-from hardware.rig.configuration import Rig
-from hardware.safety.schedule_digests import sealed
-from hardware.vision.virtual_camera import VirtualCamera
+from eldir_hardware.planning.compiler import compile_schedule
+from eldir_hardware.relay.registration import kinds
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.safety.schedule_digests import with_digests
+from eldir_hardware.vision.virtual_camera import VirtualCamera
+from tests.app.watch.bench import ELDIR, BusyError, free_port, heating, watching
+from tests.app.watch.browser import browser
+from tests.app.watch.malformed import pour
 from tests.hardware.emulated_rigs import emulated, rig_file, wait
 from tests.hardware.rigs_and_schedules import gait
 from tests.hardware.run.faults import guardian_of
 from tests.hardware.vision.walking_films import SPACE, film
-from tests.hardware.watch.bench import ELDIR, BusyError, free_port, heating, watching
-from tests.hardware.watch.browser import browser
-from tests.hardware.watch.malformed import pour
 
 pytestmark = pytest.mark.stress
 WITHIN = 0.5  # from the click until every contact is open [s]
@@ -181,13 +181,13 @@ def edges(folder, viewers, camera):
             folder / "rig.yaml",
             "lcus",
             port,
-            limits={"least_off_s": 0.3, "longest_on_s": 1.2},
-            cutoff={"kind": "timer", "longest_on_s": 1.5},
+            limits={"min_off_s": 0.3, "max_on_s": 1.2},
+            cutoff={"kind": "timer", "max_on_s": 1.5},
             camera=entry,
         )
         rig = Rig.load(path)
         plan = compile_schedule(gait(duty=(0.25, 0.25), period=2.0, phase=(0.0, 0.4)), rig, (0, 1), 15)
-        sealed(plan, rig).save(folder / "schedule.json")
+        with_digests(plan, rig).save(folder / "schedule.json")
         words = [str(folder / "schedule.json"), "--rig", str(path), "--log", str(folder / "log.mcap")]
         server = None
         if viewers:

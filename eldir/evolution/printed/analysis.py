@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from eldir.built.gait import CYCLES
-from eldir.built.robot import BuiltRobot, build
-from eldir.built.statics import height_over_base
+from eldir.built.robot import build
 from eldir.core.figure_folder import csv_text, page_templates, write_figures
 from eldir.core.records import FloatArray
 from eldir.errors import InputError
@@ -20,56 +17,14 @@ from eldir.evolution.printed import figures
 from eldir.evolution.printed.archive import Walker
 from eldir.evolution.printed.run_folder import PrintedRun
 from eldir.evolution.printed.status import status_of
-from eldir.morphology import Morphology
 
 _SHOWN = 12
 """Elites whose bodies and gaits are drawn, the best first."""
 
 
-@dataclass(frozen=True)
-class Tried:
-    """The robots of one generation, by their trials."""
-
-    screened: FloatArray
-    """Best walk in the first trial [body lengths per five cycles], shape (n,)."""
-    first_looks: FloatArray
-    """Mean and standard error of the first look of those that got there, shape (k, 2)."""
-
-
-@dataclass(frozen=True)
-class Elite:
-    """An elite, with what its walk means on a table."""
-
-    walker: Walker
-    body: Morphology
-    robot: BuiltRobot
-    """As printed."""
-    period: float
-    """Period of its gait [s]."""
-    heating: float
-    """How long each motor is heated in a period [s]."""
-    phase: FloatArray
-    """Start of heating of each motor as a fraction of the period, shape (A,)."""
-
-    @property
-    def per_cycle(self) -> float:
-        """Expected walk of one cycle [m]."""
-        return self.walker.expected * self.robot.body_length / CYCLES
-
-    @property
-    def per_minute(self) -> float:
-        """Expected walk of one minute [m]."""
-        return self.per_cycle * 60.0 / self.period
-
-    @property
-    def height_over_base(self) -> float:
-        """Height divided by the distance of the outermost feet."""
-        return height_over_base(self.robot)
-
-
 def write_printed_analysis(
     run: PrintedRun, folder: Path, step: Callable[[str, float], None] = lambda what, part: None
-) -> list[Elite]:
+) -> list[figures.Elite]:
     """Write `index.html`, every figure as SVG and PNG, and every number as CSV into a new folder, whole
     or not at all. Returns the elites, best first. Raises `InputError` where there is none yet."""
     step("reading", 0.0)
@@ -112,24 +67,24 @@ def write_printed_analysis(
     return elites
 
 
-def _elite(run: PrintedRun, walker: Walker) -> Elite:
+def _elite(run: PrintedRun, walker: Walker) -> figures.Elite:
     body = walker.genome.body(run.config.lattice)
     gait = walker.genome.gait(body, run.config.timings)
     heating = run.config.timings[walker.genome.timing].heating
-    return Elite(walker, body, build(body, run.config.printed), gait.period, heating, gait.phase)
+    return figures.Elite(walker, body, build(body, run.config.printed), gait.period, heating, gait.phase)
 
 
-def _tried(run: PrintedRun, generation: int) -> Tried:
+def _tried(run: PrintedRun, generation: int) -> figures.Tried:
     table = tables.read(run.generation_file(generation), ["screened", "walks"])
     looks = [w for w in tables.rows(table, "walks") if len(w) > 1]
-    return Tried(
+    return figures.Tried(
         np.array(table["screened"].to_pylist(), np.float64),
         np.array([[w.mean(), w.std(ddof=1) / np.sqrt(len(w))] for w in looks]).reshape(-1, 2),
     )
 
 
-def _elites_table(elites: list[Elite]) -> str:
-    def row(rank: int, e: Elite) -> list[Any]:
+def _elites_table(elites: list[figures.Elite]) -> str:
+    def row(rank: int, e: figures.Elite) -> list[Any]:
         w = e.walker
         width, height = 1e3 * np.ptp(e.robot.positions, axis=0)
         walks = [w.expected, w.error, len(w.walks), w.worth, 1e3 * e.per_cycle, 1e3 * e.per_minute]
@@ -147,7 +102,7 @@ def _elites_table(elites: list[Elite]) -> str:
     )  # fmt: skip
 
 
-def _generations_table(tried: list[Tried]) -> str:
+def _generations_table(tried: list[figures.Tried]) -> str:
     def best(values: FloatArray) -> float | str:
         return float(values.max()) if len(values) else ""
 

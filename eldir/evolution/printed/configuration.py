@@ -21,7 +21,7 @@ _MOST_MOTORS = 4
 
 
 @record
-class PrintedEvolution(Record):
+class PrintedEvolutionConfig(Record):
     """How printed robots are evolved."""
 
     OPTIONAL = frozenset[str]()
@@ -48,11 +48,14 @@ class PrintedEvolution(Record):
     def __post_init__(self) -> None:
         arguments.require_room(self.lattice.rows, self.lattice.columns, self.offspring)
         arguments.require_margin(
-            "PrintedEvolution.static_margin", self.static_margin, self.lattice.columns, self.printed.pitch
+            "PrintedEvolutionConfig.static_margin",
+            self.static_margin,
+            self.lattice.columns,
+            self.printed.pitch,
         )
         good = self.timings and all(0 < t.heating < t.period for t in self.timings)
         expected = "one or more of (period, heating) with 0 < heating < period [s]"
-        arguments.require_value("PrintedEvolution.timings", good, expected, self.timings)
+        arguments.require_value("PrintedEvolutionConfig.timings", good, expected, self.timings)
 
     @property
     def nominal(self) -> RobotParameters:

@@ -1,23 +1,67 @@
-"""Figures of a run of printed robots; every function returns one figure."""
+"""Figures of a run of printed robots, and what they show; every function returns one figure."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
+from eldir.built.gait import CYCLES
+from eldir.built.robot import BuiltRobot
+from eldir.built.statics import height_over_base
 from eldir.core.pictures import GROUND, MOTOR, PASSIVE
+from eldir.core.records import FloatArray
 from eldir.evolution.figures import chart, tidy, whole_numbers
-
-if TYPE_CHECKING:
-    from eldir.evolution.printed.analysis import Elite, Tried
+from eldir.evolution.printed.archive import Walker
+from eldir.morphology import Morphology
 
 _COLUMNS = 4  # of robots side by side
 _WALK = "walk [body lengths per 5 cycles]"
+
+
+@dataclass(frozen=True)
+class Tried:
+    """The robots of one generation, by their trials."""
+
+    screened: FloatArray
+    """Best walk in the first trial [body lengths per five cycles], shape (n,)."""
+    first_looks: FloatArray
+    """Mean and standard error of the first look of those that got there, shape (k, 2)."""
+
+
+@dataclass(frozen=True)
+class Elite:
+    """An elite, with what its walk means on a table."""
+
+    walker: Walker
+    body: Morphology
+    robot: BuiltRobot
+    """As printed."""
+    period: float
+    """Period of its gait [s]."""
+    heating: float
+    """How long each motor is heated in a period [s]."""
+    phase: FloatArray
+    """Start of heating of each motor as a fraction of the period, shape (A,)."""
+
+    @property
+    def per_cycle(self) -> float:
+        """Expected walk of one cycle [m]."""
+        return self.walker.expected * self.robot.body_length / CYCLES
+
+    @property
+    def per_minute(self) -> float:
+        """Expected walk of one minute [m]."""
+        return self.per_cycle * 60.0 / self.period
+
+    @property
+    def height_over_base(self) -> float:
+        """Height divided by the distance of the outermost feet."""
+        return height_over_base(self.robot)
 
 
 def progress(tried: Sequence[Tried], elites: Sequence[Elite]) -> Figure:

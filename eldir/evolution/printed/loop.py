@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from eldir.evolution.printed.run_folder import PrintedRun
-from eldir.evolution.printed.search import Judge, PrintedSearch, Refused, judged_here
+from eldir.evolution.printed.search import Evaluator, PrintedSearch, Refused, evaluate_here
 
 
 def evolve_printed(
@@ -13,17 +13,17 @@ def evolve_printed(
     refused: Refused = lambda body: "",
     stopped: Callable[[PrintedSearch], bool] = lambda search: False,
     progress: Callable[[PrintedSearch, float], None] = lambda search, share: None,
-    judge: Judge = judged_here,
+    evaluate: Evaluator = evaluate_here,
 ) -> bool:
     """Continue a run to its end; returns whether it got there.
 
     `refused` says why a body cannot be built, and must be the same whenever a run is continued. `stopped` is
     asked before each generation; `progress` is called with the search and the present generation's share.
-    `judge` runs the trials, such as `eldir.evolution.cluster.Cluster.judge`. The caller holds the run's lock
+    `evaluate` runs the trials, such as `Cluster.evaluate`. The caller holds the run's lock
     if several processes may write.
     """
     search = run.restore(refused)
-    search.judge = judge
+    search.evaluate = evaluate
     while not search.finished:
         if stopped(search):
             return False

@@ -21,7 +21,7 @@ from eldir.core.records import record
 from eldir.errors import InputError
 from eldir.evolution import tables
 from eldir.evolution.printed.archive import Archive, Walker, niche_of
-from eldir.evolution.printed.configuration import PrintedEvolution
+from eldir.evolution.printed.configuration import PrintedEvolutionConfig
 from eldir.evolution.printed.genome import PrintedGenome
 from eldir.evolution.printed.search import Generation, PrintedSearch, Refused
 from eldir.evolution.run_folder import GenerationsFolder, StartedFile
@@ -37,12 +37,12 @@ class PrintedRunFile(StartedFile):
 
     FORMAT = "eldir-printed-run/1"
 
-    config: PrintedEvolution
+    config: PrintedEvolutionConfig
     """The configuration: the same values give the same robots."""
 
 
 @dataclass(frozen=True)
-class PrintedRun(GenerationsFolder[PrintedEvolution]):
+class PrintedRun(GenerationsFolder[PrintedEvolutionConfig]):
     """The folder of an evolution of printed robots."""
 
     FILE = PrintedRunFile

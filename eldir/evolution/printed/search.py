@@ -21,7 +21,7 @@ from eldir.built.statics import height_over_base, shape_fault, static_margin
 from eldir.core.records import FloatArray
 from eldir.errors import EldirError
 from eldir.evolution.printed.archive import Archive, Walker, niche_of
-from eldir.evolution.printed.configuration import PrintedEvolution
+from eldir.evolution.printed.configuration import PrintedEvolutionConfig
 from eldir.evolution.printed.genome import PrintedGenome, motors_of
 from eldir.evolution.printed.placement import mirrored
 from eldir.evolution.printed.trials import Trial, counted, decided, looked_at, on_slopes, screened, screening
@@ -31,16 +31,16 @@ from eldir.parameters.robot import RobotParameters
 
 Refused = Callable[[Morphology], str]
 """Says why a body cannot be built; empty if it can."""
-Judged = Callable[[Sequence[Trial], RobotParameters], FloatArray]
+Evaluation = Callable[[Sequence[Trial], RobotParameters], FloatArray]
 """A kind of trial in `eldir.evolution.printed.trials`: a row for each trial of robots like the nominal."""
-Judge = Callable[[Judged, Sequence[Trial], RobotParameters], FloatArray]
+Evaluator = Callable[[Evaluation, Sequence[Trial], RobotParameters], FloatArray]
 """Runs such trials somewhere: here, or on a cluster. No row depends on the others."""
 Progress = Callable[[float], None]
 KNOWN = 32
 """Samples up to which elites are looked at again."""
 _ATTEMPTS = 400  # for each offspring that stands
 _RANDOM = 6  # times as many random robots as offspring of a generation: they are the ancestors of all others
-_DECIDED, _LOOKED_AT = 0.5, 0.2  # shares of a generation that reach the second and the third trial
+_DECIDED, _EVALUATED = 0.5, 0.2  # shares of a generation that reach the second and the third trial
 _FOUNDERS = 2  # times as many reach them in the first generation, of random robots
 _TALLEST = 1.5  # height of a robot over the distance of its outermost feet
 _TILTED = 1.5  # times as many robots are tried on slopes as may reach the third trial
@@ -51,7 +51,7 @@ _AGAIN = 3  # elites that are looked at again in a generation
 _HARDLY = 0.1  # less than this in the best gait: not a walker [body lengths per five cycles]
 
 
-def judged_here(kind: Judged, trials: Sequence[Trial], nominal: RobotParameters) -> FloatArray:
+def evaluate_here(kind: Evaluation, trials: Sequence[Trial], nominal: RobotParameters) -> FloatArray:
     """The trials, run on this machine."""
     return kind(trials, nominal)
 
@@ -81,12 +81,12 @@ class Generation:
 class PrintedSearch:
     """The state of a run after its last complete generation."""
 
-    config: PrintedEvolution
+    config: PrintedEvolutionConfig
     refused: Refused = lambda body: ""
     generation: int = 0
     """Number of the generation that comes next."""
     archive: Archive = field(default_factory=Archive)
-    judge: Judge = judged_here
+    evaluate: Evaluator = evaluate_here
     _buildable: dict[bytes, bool] = field(default_factory=dict, init=False, repr=False)
     """What the build filter said of bodies: many robots differ in their gaits alone."""
 
@@ -104,10 +104,10 @@ class PrintedSearch:
         progress(0.4)
         chosen = self._decided(promising)
         progress(0.7)
-        walkers = self._looked_at(chosen)
+        walkers = self._evaluate(chosen)
         admitted = self._admitted(walkers)
         progress(0.9)
-        self._look_again()
+        self._reevaluate_elites()
         found = Generation(self.generation, tuple(tried), np.abs(walks).max(axis=1), tuple(walkers), admitted)
         progress(1.0)
         self.generation += 1
@@ -181,7 +181,7 @@ class PrintedSearch:
         trials = [
             screening(t.body, self._gait(t), self._seed(t.number, 0), spread=t.parent < 0) for t in tried
         ]
-        walks = counted(self.judge(screened, trials, c.nominal))
+        walks = counted(self.evaluate(screened, trials, c.nominal))
         most = np.abs(walks).max(axis=1)
         promising: list[tuple[Candidate, Trial]] = []
         for i in np.argsort(-most, kind="stable"):
@@ -205,9 +205,9 @@ class PrintedSearch:
         """The robots that may enter the archive, each with the better of its two gaits."""
         if not promising:
             return []
-        walks = self.judge(decided, [trial for _, trial in promising], self.config.nominal)
+        walks = self.evaluate(decided, [trial for _, trial in promising], self.config.nominal)
         elites = [self.archive.incumbent(niche_of(candidate.body)) for candidate, _ in promising]
-        room = self._share(_LOOKED_AT)
+        room = self._share(_EVALUATED)
         best = _most_promising(walks.max(axis=1), np.maximum(elites, 0.0), round(_TILTED * room), room // 2)
         chosen = [(promising[i][0], promising[i][1].gaits[int(walks[i].argmax())]) for i in best]
         return self._steady(chosen)[:room]
@@ -215,11 +215,11 @@ class PrintedSearch:
     def _steady(self, chosen: Sequence[tuple[Candidate, Gait]]) -> list[tuple[Candidate, Gait]]:
         """Those that walk about as far up a slope as down it."""
         trials = [Trial(c.body, (gait,), self._seed(c.number, 3)) for c, gait in chosen]
-        walks = self.judge(on_slopes, trials, self.config.nominal)
+        walks = self.evaluate(on_slopes, trials, self.config.nominal)
         steady = (walks.min(axis=1) > 0) & (walks.min(axis=1) >= _STEADY * walks.max(axis=1))
         return [pair for pair, ok in zip(chosen, steady, strict=True) if ok]
 
-    def _looked_at(self, chosen: Sequence[tuple[Candidate, Gait]]) -> list[Walker]:
+    def _evaluate(self, chosen: Sequence[tuple[Candidate, Gait]]) -> list[Walker]:
         if not chosen:
             return []
         walkers = [
@@ -240,7 +240,7 @@ class PrintedSearch:
             walkers = self._with_fresh_samples([w for w in less_known if self.archive.challenges(w)])
         return admitted
 
-    def _look_again(self) -> None:
+    def _reevaluate_elites(self) -> None:
         uncertain = [w for w in self.archive.ranked() if len(w.walks) < KNOWN]
         for walker in self._with_fresh_samples(uncertain[:_AGAIN]):
             self.archive.update(walker)
@@ -254,7 +254,7 @@ class PrintedSearch:
             Trial(body, (w.genome.gait(body, self.config.timings),), self._seed(w.number, 2), len(w.walks))
             for w, body in zip(walkers, bodies, strict=True)
         ]
-        walks = self.judge(looked_at, trials, self.config.nominal)
+        walks = self.evaluate(looked_at, trials, self.config.nominal)
         return [w.with_walks(own) for w, own in zip(walkers, walks, strict=True)]
 
     def _gait(self, candidate: Candidate) -> Gait:

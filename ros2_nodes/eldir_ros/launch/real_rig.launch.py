@@ -7,10 +7,11 @@
 ros2 launch eldir_ros real_rig.launch.py rig:=rig.yaml design:=design.json tags:=tags.json
 """
 
-from eldir_ros.programs import launching
-from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
+
+from eldir_ros.programs import launching
+from launch import LaunchDescription
 
 
 def _setup(context, *args, **kwargs):

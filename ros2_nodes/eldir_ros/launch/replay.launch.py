@@ -7,10 +7,11 @@
 ros2 launch eldir_ros replay.launch.py log:=run.mcap [speed:=2.0]
 """
 
-from eldir_ros.programs import launching
-from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
+
+from eldir_ros.programs import launching
+from launch import LaunchDescription
 
 
 def _setup(context, *args, **kwargs):

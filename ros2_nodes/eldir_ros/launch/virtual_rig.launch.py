@@ -10,10 +10,11 @@ ros2 launch eldir_ros virtual_rig.launch.py [folder:=demo] [logs:=DIR] [composed
 import tempfile
 from pathlib import Path
 
-from eldir_ros.programs import launching
-from launch import LaunchDescription
 from launch.actions import OpaqueFunction
 from launch.substitutions import LaunchConfiguration
+
+from eldir_ros.programs import launching
+from launch import LaunchDescription
 
 
 def _setup(context, *args, **kwargs):

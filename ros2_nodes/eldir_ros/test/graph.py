@@ -22,8 +22,6 @@ from ament_index_python.packages import get_package_prefix
 from diagnostic_msgs.msg import DiagnosticArray, KeyValue
 from eldir_msgs.action import RunSchedule
 from eldir_msgs.msg import EmergencyStop
-from eldir_ros.base.message_types import COMPLETE, LATCHED
-from eldir_ros.remote.heartbeats import PERIOD
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from rclpy.action import ActionClient
@@ -32,6 +30,9 @@ from rclpy.executors import SingleThreadedExecutor
 from schedules import CONFIG
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
+
+from eldir_ros.base.message_types import COMPLETE, LATCHED
+from eldir_ros.remote.heartbeats import PERIOD
 
 OBSERVERS = ("camera", "mass_tracker", "mcap_recorder", "range_of_motion")
 # A killed node stays in a domain's discovery for ten seconds: the next test could mistake it for its own.

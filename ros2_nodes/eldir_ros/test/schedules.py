@@ -10,15 +10,15 @@ from pathlib import Path
 from typing import Any
 
 from eldir.design import Design
-from hardware.rig.configuration import Rig
-from hardware.safety.schedule_digests import sealed
-from hardware.schedule import ActuationSchedule
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.safety.schedule_digests import with_digests
+from eldir_hardware.schedule import ActuationSchedule
 
 CONFIG = Path(__file__).parents[1] / "config"
 
 
 def schedule(pulse: float, period: float) -> dict[str, Any]:
-    """One cycle with two channels of the first spring, at once; sealed for the example's rig and design."""
+    """One cycle with two channels of the first spring, at once, for the example's rig and design."""
     events = [
         {"t_s": t, "spring": 0, "face": face, "channel": channel, "on": on}
         for t, on in ((0.0, True), (pulse, False))
@@ -36,7 +36,7 @@ def schedule(pulse: float, period: float) -> dict[str, Any]:
         "provenance": {},
     }
     rig, design = Rig.load(CONFIG / "rig.yaml"), Design.load(CONFIG / "design.json")
-    return sealed(ActuationSchedule.from_json(values), rig, design).to_json()
+    return with_digests(ActuationSchedule.from_json(values), rig, design).to_json()
 
 
 LONG = schedule(pulse=5.0, period=20.0)

@@ -18,12 +18,12 @@ pytest.importorskip("eldir_msgs", reason="needs the package eldir_msgs, built by
 
 from ament_index_python.packages import get_package_prefix  # noqa: E402
 from eldir_msgs.action import RunSchedule  # noqa: E402
-from eldir_ros.base.message_types import new_message  # noqa: E402
-from eldir_ros.conversions import runs  # noqa: E402
 from graph import Graph, wait_until  # noqa: E402
 from schedules import LONG, SHORT  # noqa: E402
 
-from hardware.schedule import ActuationSchedule  # noqa: E402
+from eldir_hardware.schedule import ActuationSchedule  # noqa: E402
+from eldir_ros.base.message_types import new_message  # noqa: E402
+from eldir_ros.conversions import runs  # noqa: E402
 
 HEATING = ("relay_board", "actuation_sequencer")
 

@@ -19,13 +19,14 @@ pytest.importorskip("eldir_msgs", reason="needs the package eldir_msgs, built by
 
 from builtin_interfaces.msg import Time  # noqa: E402
 from eldir_msgs.msg import EmergencyStop, HeatCommand, RangeOfMotion, Run  # noqa: E402
-from eldir_ros.base.message_types import COMPLETE, LATCHED, new_message  # noqa: E402
-from eldir_ros.conversions import marks, runs  # noqa: E402
-from eldir_ros.remote.heartbeats import NODE_PATIENCE  # noqa: E402
 from graph import Graph, wait_until  # noqa: E402
 from schedules import LONG, SHORT  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 from visualization_msgs.msg import MarkerArray  # noqa: E402
+
+from eldir_ros.base.message_types import COMPLETE, LATCHED, new_message  # noqa: E402
+from eldir_ros.conversions import marks, runs  # noqa: E402
+from eldir_ros.remote.heartbeats import NODE_PATIENCE  # noqa: E402
 
 HEATING = ("relay_board", "actuation_sequencer")
 READERS = ("mass_tracker", "mcap_recorder", "range_of_motion")

@@ -15,8 +15,6 @@ import trimesh
 rclpy = pytest.importorskip("rclpy", reason="needs ROS 2 Jazzy")
 pytest.importorskip("eldir_msgs", reason="needs the package eldir_msgs, built by colcon")
 
-from eldir_ros.base.message_types import COMPLETE, LATCHED, STATIC  # noqa: E402
-from eldir_ros.conversions import marks  # noqa: E402
 from geometry_msgs.msg import PoseArray  # noqa: E402
 from graph import Graph, wait_until  # noqa: E402
 from schedules import CONFIG  # noqa: E402
@@ -24,9 +22,11 @@ from sensor_msgs.msg import CompressedImage, JointState  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 from tf2_msgs.msg import TFMessage  # noqa: E402
 
-from calibration.camera.pose import camera_pose, quaternion  # noqa: E402
 from eldir.design import Design  # noqa: E402
-from hardware.run.robot_camera import RobotCamera  # noqa: E402
+from eldir_hardware.camera.pose import camera_pose, quaternion  # noqa: E402
+from eldir_hardware.run.robot_camera import RobotCamera  # noqa: E402
+from eldir_ros.base.message_types import COMPLETE, LATCHED, STATIC  # noqa: E402
+from eldir_ros.conversions import marks  # noqa: E402
 
 
 def test_the_camera_stands_where_it_truly_is(tmp_path):

@@ -22,6 +22,7 @@ def test_the_virtual_rig_plays_its_schedule():
 
 def test_the_parameters_of_one_process_are_a_file_that_rcl_can_read():
     import yaml
+
     from eldir_ros.programs import launching
 
     values = launching.parameters("rig.yaml", "design.json", ".", autostart=True, required=("camera",))

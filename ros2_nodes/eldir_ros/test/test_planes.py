@@ -14,16 +14,16 @@ rclpy = pytest.importorskip("rclpy", reason="needs ROS 2 Jazzy")
 pytest.importorskip("eldir_msgs", reason="needs the package eldir_msgs, built by colcon")
 
 from eldir_msgs.msg import Run  # noqa: E402
-from eldir_ros.base.message_types import LATCHED, new_message  # noqa: E402
-from eldir_ros.conversions import runs  # noqa: E402
 from graph import Graph, wait_until  # noqa: E402
 from schedules import SHORT  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 
-from calibration.camera.plane import Plane  # noqa: E402
-from hardware.log.reader import read_log  # noqa: E402
-from hardware.schedule import ActuationSchedule  # noqa: E402
-from hardware.vision.live_tracking import FIRST_PICTURE  # noqa: E402
+from eldir_hardware.camera.plane import Plane  # noqa: E402
+from eldir_hardware.log.reader import read_log  # noqa: E402
+from eldir_hardware.schedule import ActuationSchedule  # noqa: E402
+from eldir_hardware.vision.live_tracking import FIRST_PICTURE  # noqa: E402
+from eldir_ros.base.message_types import LATCHED, new_message  # noqa: E402
+from eldir_ros.conversions import runs  # noqa: E402
 
 START = 1_800_000_000_000_000_000
 EARLIER, OWN, LATER = START - 5, START + 7, START + 9

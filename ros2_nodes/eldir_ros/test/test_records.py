@@ -12,8 +12,6 @@ import pytest
 rclpy = pytest.importorskip("rclpy", reason="needs ROS 2 Jazzy")
 pytest.importorskip("eldir_msgs", reason="needs the package eldir_msgs, built by colcon")
 
-from eldir_ros.base.message_types import COMPLETE, message_class  # noqa: E402
-from eldir_ros.conversions import marks, nanoseconds, runs  # noqa: E402
 from graph import Graph, wait_until  # noqa: E402
 from mcap.reader import make_reader  # noqa: E402
 from schedules import CONFIG, LONG, MIDDLE, SHORT  # noqa: E402
@@ -21,13 +19,15 @@ from sensor_msgs.msg import CameraInfo  # noqa: E402
 from visualization_msgs.msg import MarkerArray  # noqa: E402
 
 from eldir.design import Design  # noqa: E402
-from hardware.analysis.predictions import motions_without_camera  # noqa: E402
-from hardware.log.messages import CAMERA_INFO, IMAGE  # noqa: E402
-from hardware.log.reader import read_log  # noqa: E402
-from hardware.rig.configuration import Rig  # noqa: E402
-from hardware.run.drive import drive_rig  # noqa: E402
-from hardware.schedule import ActuationSchedule  # noqa: E402
-from hardware.vision.pipeline import track_log  # noqa: E402
+from eldir_calibration.comparison.predictions import motions_without_camera  # noqa: E402
+from eldir_hardware.log.messages import CAMERA_INFO, IMAGE  # noqa: E402
+from eldir_hardware.log.reader import read_log  # noqa: E402
+from eldir_hardware.rig.configuration import Rig  # noqa: E402
+from eldir_hardware.run.drive import drive_rig  # noqa: E402
+from eldir_hardware.schedule import ActuationSchedule  # noqa: E402
+from eldir_hardware.vision.pipeline import track_log  # noqa: E402
+from eldir_ros.base.message_types import COMPLETE, message_class  # noqa: E402
+from eldir_ros.conversions import marks, nanoseconds, runs  # noqa: E402
 
 
 @pytest.fixture(scope="module")

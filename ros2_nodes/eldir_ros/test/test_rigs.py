@@ -12,12 +12,13 @@ import pytest
 rclpy = pytest.importorskip("rclpy", reason="needs ROS 2 Jazzy")
 pytest.importorskip("eldir_msgs", reason="needs the package eldir_msgs, built by colcon")
 
-from eldir_ros.base.message_types import COMPLETE  # noqa: E402
-from eldir_ros.conversions import runs  # noqa: E402
 from graph import NODES, Graph, wait_until  # noqa: E402
 from rosgraph_msgs.msg import Clock  # noqa: E402
 from schedules import LONG, MIDDLE, SHORT  # noqa: E402
 from visualization_msgs.msg import MarkerArray  # noqa: E402
+
+from eldir_ros.base.message_types import COMPLETE  # noqa: E402
+from eldir_ros.conversions import runs  # noqa: E402
 
 HEATING = ("relay_board", "actuation_sequencer")
 SHARED = {"/diagnostics", "/parameter_events", "/rosout", "/tf", "/tf_static"}

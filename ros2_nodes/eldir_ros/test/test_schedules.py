@@ -10,10 +10,10 @@ import pytest
 from schedules import CONFIG, LONG, MIDDLE, SHORT
 
 from eldir.design import Design
-from hardware.rig.configuration import Rig
-from hardware.safety import limits
-from hardware.safety.schedule_digests import require_made_for
-from hardware.schedule import ActuationSchedule
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.safety import limits
+from eldir_hardware.safety.schedule_digests import require_made_for
+from eldir_hardware.schedule import ActuationSchedule
 
 EXAMPLE = json.loads((CONFIG / "schedule.json").read_text())
 

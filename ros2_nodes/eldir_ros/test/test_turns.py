@@ -12,13 +12,14 @@ import pytest
 rclpy = pytest.importorskip("rclpy", reason="needs ROS 2 Jazzy")
 pytest.importorskip("eldir_msgs", reason="needs the package eldir_msgs, built by colcon")
 
-from eldir_ros.base.message_types import COMPLETE  # noqa: E402
-from eldir_ros.base.rig_node import RigNode  # noqa: E402
 from graph import wait_until  # noqa: E402
 from rclpy.context import Context  # noqa: E402
 from rclpy.executors import MultiThreadedExecutor  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
+
+from eldir_ros.base.message_types import COMPLETE  # noqa: E402
+from eldir_ros.base.rig_node import RigNode  # noqa: E402
 
 
 class Busy(RigNode):

@@ -11,17 +11,17 @@ from pathlib import Path
 
 import launch_testing
 from ament_index_python.packages import get_package_share_directory
-from eldir_ros.programs.launching import example
-from launch import LaunchDescription
 from launch.actions import IncludeLaunchDescription
 from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch_testing.actions import ReadyToTest
 from launch_testing.asserts import assertExitCodes
 
 from eldir.design import Design
-from hardware.rig.configuration import Rig
-from hardware.safety.schedule_digests import sealed
-from hardware.schedule import ActuationSchedule
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.safety.schedule_digests import with_digests
+from eldir_hardware.schedule import ActuationSchedule
+from eldir_ros.programs.launching import example
+from launch import LaunchDescription
 
 
 def generate_test_description():
@@ -29,7 +29,7 @@ def generate_test_description():
     short = json.loads((example() / "schedule.json").read_text())
     short |= {"cycles": 1, "conditioning_cycles": 0, "settle_s": 0.5}
     rig, design = Rig.load(example() / "rig.yaml"), Design.load(example() / "design.json")
-    sealed(ActuationSchedule.from_json(short), rig, design).save(folder / "schedule.json")
+    with_digests(ActuationSchedule.from_json(short), rig, design).save(folder / "schedule.json")
     launch = Path(get_package_share_directory("eldir_ros")) / "launch" / "virtual_rig.launch.py"
     rig = IncludeLaunchDescription(
         PythonLaunchDescriptionSource(str(launch)),

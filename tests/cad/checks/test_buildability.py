@@ -6,15 +6,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import null_space
 
-from cad.checks.buildability import check
-from cad.checks.contacts import leads, nearest_contacts
-from cad.checks.rigidity import degrees_of_freedom, hinges, mechanisms, rigidity_matrix
-from cad.checks.strip_law import StripLaw
-from cad.checks.stroke import AT_REST, Stroke, foot_stroke, shortening, socket_turns, stroke
-from cad.kit.fit import fitted_to_printer
-from cad.kit.printer import load_printer
-from cad.kit.specification import load_specification
-from cad.packet.findings import findings_page
 from eldir.built.robot import build
 from eldir.built.statics import freedoms
 from eldir.errors import InputError
@@ -22,6 +13,15 @@ from eldir.genotype import random_genotypes
 from eldir.lattice import Lattice
 from eldir.morphology import develop
 from eldir.parameters.springs import SpringParameters
+from eldir_cad.checks.buildability import check
+from eldir_cad.checks.contacts import leads, nearest_contacts
+from eldir_cad.checks.rigidity import degrees_of_freedom, hinges, mechanisms, rigidity_matrix
+from eldir_cad.checks.strip_law import StripLaw
+from eldir_cad.checks.stroke import AT_REST, Stroke, foot_stroke, shortening, socket_turns, stroke
+from eldir_cad.kit.fit import fitted_to_printer
+from eldir_cad.kit.printer import load_printer
+from eldir_cad.kit.specification import load_specification
+from eldir_cad.packet.findings import findings_page
 from tests.cad.drawn_bodies import BLOCK, HOURGLASS, RHOMBUS, TOWER, TRIANGLE, WHEEL, body
 from tests.raised import raises
 

@@ -7,16 +7,16 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from cad.checks.strip_law import StripLaw, built_parameters, spring_parameters
-from cad.geometry.parts import strip
-from cad.kit.fit import fitted_to_printer
-from cad.kit.printer import load_printer
-from cad.kit.specification import load_specification
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.springs import SpringParameters
-from hardware.markers.mark_sheet import MARK_DIAMETER
-from hardware.rig.sections import SpringEntry
-from hardware.vision.virtual_camera import HEXAGON, STRIP
+from eldir_cad.checks.strip_law import StripLaw, built_parameters, spring_parameters
+from eldir_cad.geometry.parts import strip
+from eldir_cad.kit.fit import fitted_to_printer
+from eldir_cad.kit.printer import load_printer
+from eldir_cad.kit.specification import load_specification
+from eldir_hardware.markers.mark_sheet import MARK_DIAMETER
+from eldir_hardware.rig.sections import SpringEntry
+from eldir_hardware.vision.virtual_camera import HEXAGON, STRIP
 
 PRINTER = load_printer()
 SPEC = fitted_to_printer(load_specification(), PRINTER)

@@ -7,7 +7,7 @@ import zipfile
 from pathlib import Path
 from typing import NamedTuple
 
-from cad.kit.printer import Printer
+from eldir_cad.kit.printer import Printer
 
 SLICER = shutil.which("prusa-slicer")
 MISSING = "prusa-slicer is not installed (Debian: apt install prusa-slicer)"

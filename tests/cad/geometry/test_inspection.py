@@ -10,16 +10,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from manifold3d import CrossSection, Manifold
 
-from cad.commands.coupon import coupon as command
-from cad.geometry import parts
-from cad.geometry.inspection import inspect, require_printable
-from cad.geometry.shapes import mesh_of
-from cad.geometry.thickness import facing_faces, self_intersections
-from cad.kit.fit import fitted_to_printer
-from cad.kit.printer import load_printer
-from cad.kit.specification import load_specification
-from cad.packet.coupon import coupon, table, write_coupon
 from eldir.errors import EldirError
+from eldir_app.commands.coupon import coupon as command
+from eldir_cad.geometry import parts
+from eldir_cad.geometry.inspection import inspect, require_printable
+from eldir_cad.geometry.shapes import mesh_of
+from eldir_cad.geometry.thickness import facing_faces, self_intersections
+from eldir_cad.kit.fit import fitted_to_printer
+from eldir_cad.kit.printer import load_printer
+from eldir_cad.kit.specification import load_specification
+from eldir_cad.packet.coupon import coupon, table, write_coupon
 from tests.raised import raises
 
 PRINTER = load_printer()

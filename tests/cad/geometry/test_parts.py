@@ -11,15 +11,15 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cad.geometry import parts, shapes
-from cad.kit.fit import fitted_to_printer
-from cad.kit.printer import load_printer
-from cad.kit.specification import load_specification
 from eldir.errors import InputError
+from eldir_cad.geometry import parts, shapes
+from eldir_cad.kit.fit import fitted_to_printer
+from eldir_cad.kit.printer import load_printer
+from eldir_cad.kit.specification import load_specification
 from tests.paths import ROOT, SCHEMAS
 from tests.raised import raises
 
-DATA = ROOT / "cad" / "kit" / "data"
+DATA = ROOT / "cad" / "eldir_cad" / "kit" / "data"
 PRINTER = load_printer()
 SPEC = fitted_to_printer(load_specification(), PRINTER)
 

@@ -8,12 +8,12 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from cad.geometry.parts import mass
-from cad.geometry.plates import Plate
-from cad.geometry.threemf import Item, threemf
-from cad.kit.fit import fitted_to_printer
-from cad.kit.printer import load_printer
-from cad.kit.specification import load_specification
+from eldir_cad.geometry.parts import mass
+from eldir_cad.geometry.plates import Plate
+from eldir_cad.geometry.threemf import Item, threemf
+from eldir_cad.kit.fit import fitted_to_printer
+from eldir_cad.kit.printer import load_printer
+from eldir_cad.kit.specification import load_specification
 
 SPEC = fitted_to_printer(load_specification(), load_printer())
 # Corners on the three axes, each at its own distance: no turn but none leaves it as it is.

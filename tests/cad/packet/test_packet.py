@@ -18,14 +18,6 @@ import typer
 from lxml import etree
 from matplotlib.image import imread
 
-from cad.commands.packet import packet as command
-from cad.geometry.assembly import assemble, spring_directions, tightest
-from cad.geometry.plates import nest
-from cad.kit.fit import fitted_to_printer
-from cad.kit.printer import load_printer
-from cad.kit.specification import load_specification
-from cad.packet.drawing import parts_picture, plate_picture
-from cad.packet.folder import write_packet
 from eldir.core.pictures import png
 from eldir.design import Design
 from eldir.errors import EldirError, InputError
@@ -33,6 +25,14 @@ from eldir.genotype import random_genotypes
 from eldir.lattice import Lattice
 from eldir.marks import marked_masses
 from eldir.morphology import develop
+from eldir_app.commands.packet import packet as command
+from eldir_cad.geometry.assembly import assemble, spring_directions, tightest
+from eldir_cad.geometry.plates import nest
+from eldir_cad.kit.fit import fitted_to_printer
+from eldir_cad.kit.printer import load_printer
+from eldir_cad.kit.specification import load_specification
+from eldir_cad.packet.drawing import parts_picture, plate_picture
+from eldir_cad.packet.folder import write_packet
 from tests.cad.drawn_bodies import BLOCK, WHEEL, body, design
 from tests.paths import SCHEMAS
 from tests.processor_time import in_units, processor_seconds
@@ -152,7 +152,7 @@ def test_identical_input_gives_identical_bytes(packet, tmp_path):
     """In another process, with other hash seeds."""
     ROBOT.save(tmp_path / "design.json")
     code = (
-        "import sys; from pathlib import Path; from cad.packet.folder import write_packet;"
+        "import sys; from pathlib import Path; from eldir_cad.packet.folder import write_packet;"
         "from eldir.design import Design;"
         "write_packet(Design.load(sys.argv[1]), Path(sys.argv[2]))"
     )

@@ -7,18 +7,18 @@ import re
 import numpy as np
 import pytest
 
-from cad.checks.violations import BuildReport, Violation
-from cad.geometry.assembly import assemble
-from cad.kit.fit import fitted_to_printer
-from cad.kit.printer import load_printer
-from cad.kit.specification import load_specification
-from cad.packet.content import make
-from cad.packet.drawing import assembly_map
-from cad.packet.findings import findings_page
-from cad.packet.lists import bill_of_materials
-from cad.packet.traveller import order_of_work, traveller
 from eldir.design import Ballast, Variant
 from eldir.parameters.wiring import FACES, wiring
+from eldir_cad.checks.violations import BuildReport, Violation
+from eldir_cad.geometry.assembly import assemble
+from eldir_cad.kit.fit import fitted_to_printer
+from eldir_cad.kit.printer import load_printer
+from eldir_cad.kit.specification import load_specification
+from eldir_cad.packet.content import make
+from eldir_cad.packet.drawing import assembly_map
+from eldir_cad.packet.findings import findings_page
+from eldir_cad.packet.lists import bill_of_materials
+from eldir_cad.packet.traveller import order_of_work, traveller
 from tests.cad.drawn_bodies import BLOCK, HOURGLASS, WHEEL, body, design
 
 PRINTER = load_printer()

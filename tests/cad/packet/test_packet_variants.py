@@ -8,15 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cad.kit.fit import fitted_to_printer
-from cad.kit.printer import load_printer
-from cad.kit.specification import load_specification
-from cad.packet.folder import write_packet
-from cad.packet.variant import apply
 from eldir.built.robot import build
 from eldir.design import Ballast, Design, Variant
 from eldir.errors import InputError
 from eldir.marks import marked_masses
+from eldir_cad.kit.fit import fitted_to_printer
+from eldir_cad.kit.printer import load_printer
+from eldir_cad.kit.specification import load_specification
+from eldir_cad.packet.folder import apply_variant, write_packet
 from tests.cad.drawn_bodies import BLOCK, design
 from tests.raised import raises
 
@@ -32,7 +31,7 @@ def control(tmp_path_factory):
     robot = replace(ROBOT, provenance={"generation": 3, "id": 24})
     variant = Variant(0, Ballast.parse("9g@front", ROBOT.morphology))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("cad.packet.folder.pdf", lambda figures: pages.extend(figures) or b"")
+        patch.setattr("eldir_cad.packet.folder.pdf", lambda figures: pages.extend(figures) or b"")
         return path, write_packet(robot, path, variant=variant), pages
 
 
@@ -87,7 +86,7 @@ def test_marks_stay_where_they_are_without_a_motor(tmp_path):
     """In a tower whose motors are far apart, the five nearest masses would be others with one of them."""
     tower = design(*["1110"] * 6, motors=(0, 33))
     for motor in (0, 1):
-        built = apply(tower, Variant(motor))
+        built = apply_variant(tower, Variant(motor))
         assert built.marks.tolist() == tower.marks.tolist() != marked_masses(built.morphology).tolist()
         built.save(tmp_path / "built.json")
         assert Design.load(tmp_path / "built.json").marks.tolist() == tower.marks.tolist()
@@ -121,7 +120,7 @@ def test_the_least_ballast_is_told():
 
 def test_a_motor_that_is_not_there():
     with raises(InputError, "input.wrong-value", "without_motor", match="0 to 1; found 2"):
-        apply(ROBOT, Variant(2))
+        apply_variant(ROBOT, Variant(2))
 
 
 def test_without_the_only_motor_nothing_is_built(tmp_path):

@@ -6,19 +6,19 @@ import trimesh
 from hypothesis import event, given, settings
 from hypothesis import strategies as st
 
-from cad.checks.buildability import check
-from cad.checks.strip_law import StripLaw, built_parameters
-from cad.geometry.assembly import assemble, tightest
-from cad.geometry.inspection import inspect, require_printable
-from cad.kit.fit import fitted_to_printer
-from cad.kit.printer import load_printer
-from cad.kit.specification import Specification, load_specification
-from cad.packet.content import make
 from eldir.design import Variant
 from eldir.errors import EldirError, InputError
 from eldir.genotype import random_genotypes
 from eldir.lattice import Lattice
 from eldir.morphology import develop
+from eldir_cad.checks.buildability import check
+from eldir_cad.checks.strip_law import StripLaw, built_parameters
+from eldir_cad.geometry.assembly import assemble, tightest
+from eldir_cad.geometry.inspection import inspect, require_printable
+from eldir_cad.kit.fit import fitted_to_printer
+from eldir_cad.kit.printer import load_printer
+from eldir_cad.kit.specification import Specification, load_specification
+from eldir_cad.packet.content import make
 from tests.cad.drawn_bodies import HOURGLASS, RHOMBUS, TRIANGLE, WHEEL, body, design
 from tests.raised import raises
 

@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cad.shortlist.likeness import ALIKE, shared_springs, unlike_first
 from eldir.genotype import Genotype
 from eldir.lattice import Lattice
 from eldir.morphology import Morphology, develop
+from eldir_cad.shortlist.ranking import ALIKE, diverse_first, shared_springs
 from tests.eldir.evolution.printed.small_searches import SMALL, genomes
 
 LATTICE = Lattice(2, 9)
@@ -57,7 +57,7 @@ def test_likeness_goes_both_ways_and_is_whole_for_equal_bodies_alone(
 @given(st.lists(st.sampled_from(range(len(BODIES))), max_size=8), st.sampled_from([0.2, 0.5, ALIKE]))
 def test_the_first_of_those_that_are_alike_comes_first(chosen: list[int], alike: float) -> None:
     bodies = [BODIES[k] for k in chosen]
-    order = unlike_first(bodies, alike)
+    order = diverse_first(bodies, alike)
     assert sorted(order) == list(range(len(bodies)))
     first: list[int] = []
     for k in range(len(bodies)):

@@ -8,11 +8,6 @@ import jsonschema
 import numpy as np
 import pytest
 
-from cad.checks.violations import BuildReport
-from cad.commands.shortlist import shortlist as command
-from cad.shortlist import ranking as module
-from cad.shortlist.folder import write_shortlist
-from cad.shortlist.ranking import RankedDesign, Shortlist, rank
 from eldir.built.gait import Gait, gait_of
 from eldir.built.robot import build
 from eldir.built.samples import SampledWalks, sampled_walks
@@ -22,10 +17,15 @@ from eldir.built.walking import displacements
 from eldir.design import Design
 from eldir.errors import EldirError, InputError
 from eldir.evolution.run_folder import RunFolder
-from eldir.evolution.search import Evolution
+from eldir.evolution.search import EvolutionConfig
 from eldir.lattice import Lattice
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.springs import SpringParameters
+from eldir_app.commands.shortlist import shortlist as command
+from eldir_cad.checks.violations import BuildReport
+from eldir_cad.shortlist import ranking as module
+from eldir_cad.shortlist.folder import write_shortlist
+from eldir_cad.shortlist.ranking import RankedDesign, Shortlist, rank
 from tests.cad.drawn_bodies import BLOCK, HOURGLASS, TOWER, WHEEL, design
 from tests.eldir.evolution.run_folders import go_on
 from tests.paths import SCHEMAS
@@ -150,7 +150,7 @@ def test_a_run_without_a_sound_design(tmp_path):
 
 def test_the_command_reads_a_run(tmp_path, capsys, monkeypatch):
     """From a run folder to files; the slow steps have their own tests."""
-    config = Evolution(Lattice(4, 6), population=6, generations=1, max_active=2, iterations=2, seed=5)
+    config = EvolutionConfig(Lattice(4, 6), population=6, generations=1, max_active=2, iterations=2, seed=5)
     run = RunFolder.create(tmp_path / "run", config)
     go_on(run, run.restore())
     seen = []

@@ -7,8 +7,6 @@ from functools import cache
 
 import numpy as np
 
-from calibration.dynamics.recording import INTERVAL, FilmedBody, Recording, predict_marks
-from calibration.dynamics.settings import DEFAULT_SETTINGS
 from eldir.built.gait import DUTY, PERIOD, SETTLE, Gait
 from eldir.built.robot import build
 from eldir.genotype import Genotype
@@ -18,7 +16,9 @@ from eldir.morphology import Morphology, develop
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
 from eldir.trajectory import Trajectory
-from hardware.virtual.far import far_from
+from eldir_calibration.dynamics.recording import INTERVAL, FilmedBody, Recording, predict_marks
+from eldir_calibration.dynamics.settings import DEFAULT_SETTINGS
+from eldir_hardware.virtual.bodies import far_from
 
 NOMINAL = RobotParameters()
 SOFT = RobotParameters(BuiltParameters(tension=5e3))

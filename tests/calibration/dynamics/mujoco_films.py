@@ -11,12 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cad.kit.defaults import PRINTER
-from cad.kit.printer import load_printer
-from cad.kit.specification import load_specification
-from cad.multibody.model import Multibody, multibody
-from calibration.dynamics.measurements import Measurements
-from calibration.dynamics.recording import INTERVAL, FilmedBody, Recording
 from eldir.built.heat import SpringState, heat
 from eldir.built.robot import build
 from eldir.built.statics import least_opening
@@ -28,7 +22,13 @@ from eldir.lattice import Lattice
 from eldir.marks import marked_masses
 from eldir.morphology import develop
 from eldir.parameters.robot import RobotParameters, drawn_feet
-from hardware.virtual.mujoco_body import TILT_SCATTER, MujocoMotion
+from eldir_cad.kit.defaults import PRINTER
+from eldir_cad.kit.printer import load_printer
+from eldir_cad.kit.specification import load_specification
+from eldir_cad.multibody.model import Multibody, multibody
+from eldir_calibration.dynamics.measurements import Measurements
+from eldir_calibration.dynamics.recording import INTERVAL, FilmedBody, Recording
+from eldir_hardware.virtual.mujoco_body import TILT_SCATTER, MujocoMotion
 from tests.calibration.dynamics.hidden_rigs import blank_film, hidden, seen_by_camera
 
 CYCLES = 3
@@ -70,7 +70,7 @@ def second_rig(
     simpler: Callable[[Multibody], Multibody] = lambda model: model,
 ) -> SecondRig:
     """The robot with the hidden parameters of `seed`, filmed in MuJoCo over one cycle, and `cycles` that
-    count. `simpler` takes laws of the model away (`cad.multibody.simpler`)."""
+    count. `simpler` takes laws of the model away (`eldir_cad.multibody.simpler`)."""
     truth, further = hidden(seed), np.random.default_rng([seed, 6])
     feet = drawn_feet(len(body.morphology.positions), further)
     tilt = float(TILT_SCATTER * further.standard_normal())

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.dynamics.cycles import Cycles
-from calibration.dynamics.recording import Recording
-from calibration.dynamics.verdict import predictions
 from eldir.built.scene import BuiltScene, FittedErrors
+from eldir_calibration.dynamics.cycles import Cycles
+from eldir_calibration.dynamics.recording import Recording
+from eldir_calibration.dynamics.verdict import predictions
 from tests.calibration.dynamics.hidden_rigs import PERIOD, blank_film, walker
 from tests.paths import DATA
 

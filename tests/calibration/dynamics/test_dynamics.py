@@ -11,17 +11,6 @@ import jsonschema
 import numpy as np
 import pytest
 
-from calibration.dynamics.candidates import CandidateModel
-from calibration.dynamics.identify import DynamicsFit, _before_landings, _size, fit_dynamics
-from calibration.dynamics.least_squares.linearisation import Linearisation
-from calibration.dynamics.least_squares.problem import Problem
-from calibration.dynamics.least_squares.residuals import Residual, residual
-from calibration.dynamics.model_check import ModelCheck, check_model, track_noise
-from calibration.dynamics.recording import Recording, predict_marks
-from calibration.dynamics.requirements import require_explained, require_informative
-from calibration.dynamics.results import identify_robot, results
-from calibration.dynamics.settings import DEFAULT_SETTINGS
-from calibration.dynamics.verdict import Verdict, sentences, within_noise
 from eldir.built.gait import Gait, free_lengths
 from eldir.built.heat import SpringState, heat
 from eldir.built.motion import drive
@@ -30,9 +19,20 @@ from eldir.built.samples import IdentifiedRobots, sampled_walks
 from eldir.built.scene import BuiltScene, IdentifiedModel, ModelNumbers
 from eldir.built.walking import displacements
 from eldir.errors import InputError
-from eldir.parameters.robot import FOOT_SPREAD, STRIP_SPREAD, contrasts, part_names, robot_at
-from eldir.parameters.uncertain import PARAMETERS, QUANTITIES
+from eldir.parameters.robot import FOOT_SPREAD, QUANTITIES, STRIP_SPREAD, contrasts, part_names, robot_at
+from eldir.parameters.uncertain import PARAMETERS
 from eldir.trajectory import Trajectory
+from eldir_calibration.dynamics.candidates import CandidateModel
+from eldir_calibration.dynamics.identify import DynamicsFit, _before_landings, _size, fit_dynamics
+from eldir_calibration.dynamics.least_squares.linearisation import Linearisation
+from eldir_calibration.dynamics.least_squares.problem import Problem
+from eldir_calibration.dynamics.least_squares.residuals import Residual, residual
+from eldir_calibration.dynamics.model_check import ModelCheck, check_model, track_noise
+from eldir_calibration.dynamics.recording import Recording, predict_marks
+from eldir_calibration.dynamics.requirements import require_explained, require_informative
+from eldir_calibration.dynamics.results import identify_robot, results
+from eldir_calibration.dynamics.settings import DEFAULT_SETTINGS
+from eldir_calibration.dynamics.verdict import FitVerdict, sentences, within_noise
 from tests.calibration.dynamics.hidden_rigs import QUICK, SOFT, film, hidden, unequal, walker
 from tests.eldir.built.filmed_walker import TRUTH
 from tests.paths import SCHEMAS
@@ -213,7 +213,7 @@ def test_a_model_of_every_part_may_leave_little(recording: Recording) -> None:
             assert best.covariance(["hot_length"]) == pytest.approx(4e-4), "twice as wide"
             strained = replace(best, fit=replace(fit, z=np.array([DEFAULT_SETTINGS.z_limit, 0.0])))
             told = strained.entries()
-            assert strained.verdict is Verdict.AT_EDGE and told["at_edge"] == ("hot_length",)
+            assert strained.verdict is FitVerdict.AT_EDGE and told["at_edge"] == ("hot_length",)
             (said,) = sentences(alone(told))
             assert "hot_length reached the edge" in said
             worse = replace(strained, fit=replace(strained.fit, check=more)).entries()

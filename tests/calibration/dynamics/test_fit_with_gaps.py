@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calibration.dynamics import identify
-from calibration.dynamics.identify import DynamicsFit
-from calibration.dynamics.model_check import ModelCheck
-from calibration.dynamics.settings import DEFAULT_SETTINGS, IdentificationSettings
+from eldir_calibration.dynamics import identify
+from eldir_calibration.dynamics.identify import DynamicsFit
+from eldir_calibration.dynamics.model_check import ModelCheck
+from eldir_calibration.dynamics.settings import DEFAULT_SETTINGS, IdentificationSettings
 
 FRAMES = 10
 

@@ -12,21 +12,20 @@ import jsonschema
 import numpy as np
 import pytest
 
-from calibration.dynamics import model_search
-from calibration.dynamics.candidates import CandidateModel
-from calibration.dynamics.identify import DynamicsFit
-from calibration.dynamics.measurements import NOT_MEASURED
-from calibration.dynamics.model_check import ModelCheck
-from calibration.dynamics.model_search import ModelSearch
-from calibration.dynamics.recording import Recording
-from calibration.dynamics.results import identify_robot
-from calibration.dynamics.settings import DEFAULT_SETTINGS
-from calibration.dynamics.verdict import sentences
 from eldir.built.samples import IdentifiedRobots
 from eldir.built.scene import BuiltScene
 from eldir.parameters.printed import BuiltParameters
-from eldir.parameters.robot import RobotParameters
-from eldir.parameters.uncertain import QUANTITIES
+from eldir.parameters.robot import QUANTITIES, RobotParameters
+from eldir_calibration.dynamics import model_search
+from eldir_calibration.dynamics.candidates import CandidateModel
+from eldir_calibration.dynamics.identify import DynamicsFit
+from eldir_calibration.dynamics.measurements import NOT_MEASURED
+from eldir_calibration.dynamics.model_check import ModelCheck
+from eldir_calibration.dynamics.model_search import ModelSearch
+from eldir_calibration.dynamics.recording import Recording
+from eldir_calibration.dynamics.results import identify_robot
+from eldir_calibration.dynamics.settings import DEFAULT_SETTINGS
+from eldir_calibration.dynamics.verdict import sentences
 from tests.calibration.dynamics.hidden_rigs import QUICK, SOFT, film, walker
 from tests.paths import SCHEMAS
 

@@ -9,19 +9,19 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from calibration.dynamics.figures import explained, held_out, intervals, next_films
-from calibration.dynamics.identifiability import (
-    Experiment,
-    RangeAttribution,
-    attribute_ranges,
-    rank_experiments,
-)
-from calibration.dynamics.recording import Recording, predict_marks
 from eldir.built.gait import Gait
 from eldir.built.scene import BuiltScene
 from eldir.core.pictures import png
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.uncertain import is_unobservable
+from eldir_calibration.dynamics.figures import explained, held_out, intervals, next_films
+from eldir_calibration.dynamics.identifiability import (
+    Experiment,
+    RangeAttribution,
+    attribute_ranges,
+    rank_experiments,
+)
+from eldir_calibration.dynamics.recording import Recording, predict_marks
 from tests.calibration.dynamics.hidden_rigs import SOFT, walker
 from tests.eldir.built.filmed_walker import OFF
 
@@ -67,7 +67,7 @@ def test_hubs_are_ranked_as_pins_without_repetitions(
         seen.extend(robots)
         return predict_marks(body, recordings, robots)
 
-    monkeypatch.setattr("calibration.dynamics.least_squares.linearisation.predict_marks", counted)
+    monkeypatch.setattr("eldir_calibration.dynamics.least_squares.linearisation.predict_marks", counted)
     walking = Gait(20.0, np.array([0.0, 0.875]), np.full(2, 0.3))
     rank_experiments(walker(), replace(scene, built=scene.built.with_hubs()), [walking])
     assert {r.printed.joints for r in seen} == {"pins"}

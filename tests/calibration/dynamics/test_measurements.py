@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.dynamics.least_squares.problem import Problem
-from calibration.dynamics.measurements import Measurements
-from calibration.dynamics.settings import DEFAULT_SETTINGS
 from eldir.built.robot import build
-from eldir.parameters.robot import RobotParameters
-from eldir.parameters.uncertain import PARAMETERS, QUANTITIES
+from eldir.parameters.robot import QUANTITIES, RobotParameters
+from eldir.parameters.uncertain import PARAMETERS
+from eldir_calibration.dynamics.least_squares.problem import Problem
+from eldir_calibration.dynamics.measurements import Measurements
+from eldir_calibration.dynamics.settings import DEFAULT_SETTINGS
 from tests.calibration.dynamics.hidden_rigs import NOMINAL, hidden, walker
 
 METER = DEFAULT_SETTINGS.meter_error

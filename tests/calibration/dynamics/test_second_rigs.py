@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cad.multibody.model import Multibody
-from cad.multibody.simpler import on_level_table, with_equal_feet, with_pins
-from calibration.dynamics.least_squares.residuals import residual
-from calibration.dynamics.recording import predict_marks
+from eldir_cad.multibody.model import Multibody
+from eldir_cad.multibody.simpler import on_level_table, with_equal_feet, with_pins
+from eldir_calibration.dynamics.least_squares.residuals import residual
+from eldir_calibration.dynamics.recording import predict_marks
 from tests.calibration.dynamics.hidden_rigs import PHASE, walker
 from tests.calibration.dynamics.mujoco_films import SecondRig, second_rig
 

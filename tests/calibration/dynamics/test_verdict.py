@@ -6,8 +6,8 @@ from itertools import product
 
 import pytest
 
-from calibration.dynamics.settings import DEFAULT_SETTINGS
-from calibration.dynamics.verdict import VERDICTS, Evidence, Verdict, is_known
+from eldir_calibration.dynamics.settings import DEFAULT_SETTINGS
+from eldir_calibration.dynamics.verdict import VERDICTS, Evidence, FitVerdict, is_known
 
 EVERY = [
     Evidence(decided, within, tolerable, supposed, edge)
@@ -31,8 +31,8 @@ def test_a_verdict_follows_from_the_rules(e: Evidence) -> None:
 
 
 def test_every_verdict_has_a_row_and_every_other_row_a_sentence() -> None:
-    assert {row.verdict for row in VERDICTS} == set(Verdict) == {e.verdict for e in EVERY}
-    assert [row.verdict for row in VERDICTS if not row.sentence] == [Verdict.FITS]
+    assert {row.verdict for row in VERDICTS} == set(FitVerdict) == {e.verdict for e in EVERY}
+    assert [row.verdict for row in VERDICTS if not row.sentence] == [FitVerdict.FITS]
     both = Evidence(True, False, False, True, ("friction",))
     said = [row.verdict for row in VERDICTS if row.sentence and row.holds(both)]
-    assert said == [Verdict.AT_EDGE, Verdict.WRONG], "a parameter at its edge hides no bad fit"
+    assert said == [FitVerdict.AT_EDGE, FitVerdict.WRONG], "a parameter at its edge hides no bad fit"

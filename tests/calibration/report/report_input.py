@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 
-from calibration.report.page import Heating, ReportInput
+from eldir_calibration.report.page import Heating, ReportInput
 from tests.calibration.report.striding_walkers import walker
 from tests.paths import SCHEMAS
 

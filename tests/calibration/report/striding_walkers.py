@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from calibration.report.comparison import Motion
 from eldir.trajectory import Trajectory
+from eldir_calibration.report.comparison import Motion
 
 PERIOD = 20.0
 CYCLES = 5

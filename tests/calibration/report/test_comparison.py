@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from calibration.report.comparison import PHASES, CycleMean, Motion, agreements, best_lag, compare
 from eldir.errors import InputError
 from eldir.trajectory import Trajectory
+from eldir_calibration.report.comparison import PHASES, CycleMean, Motion, agreements, best_lag, compare
 from tests.calibration.report.striding_walkers import CYCLES, LENGTH, PERIOD, walker
 from tests.raised import raises
 

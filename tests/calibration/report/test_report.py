@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from calibration.report.numbers import ReportNumbers
-from calibration.report.page import write_report
-from calibration.report.sampled_motions import SampledMotions
 from eldir.errors import EldirError
+from eldir_calibration.report.numbers import ReportNumbers
+from eldir_calibration.report.page import write_report
+from eldir_calibration.report.sampled_motions import SampledMotions
 from tests.calibration.report.report_input import SCHEMA, content
 from tests.calibration.report.striding_walkers import walker
 from tests.paths import DATA

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from calibration.report.figures import heating, paths
+from eldir_calibration.report.figures import heating, paths
 from tests.calibration.report.striding_walkers import walker
 
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from calibration.report.page import write_report
-from calibration.report.runs import FilmedRun
+from eldir_calibration.report.page import write_report
+from eldir_calibration.report.runs import FilmedRun
 from tests.calibration.report.report_input import content
 from tests.calibration.report.striding_walkers import walker
 from tests.phone_screen import BROWSER, measured

@@ -8,9 +8,9 @@ import jsonschema
 import numpy as np
 import pytest
 
-from calibration.report.page import write_report
-from calibration.report.sampled_motions import SampledMotions, prediction_interval, swings
-from calibration.report.verdict import verdict_of
+from eldir_calibration.report.page import write_report
+from eldir_calibration.report.sampled_motions import SampledMotions, prediction_interval, swings
+from eldir_calibration.report.verdict import verdict_of
 from tests.calibration.report.report_input import SCHEMA, content
 from tests.calibration.report.striding_walkers import LENGTH, walker
 

@@ -9,12 +9,6 @@ import jsonschema
 import numpy as np
 import pytest
 
-from calibration.camera.plane import Plane
-from calibration.report.comparison import Motion, agreements
-from calibration.report.null_comparison import against_others
-from calibration.report.page import write_report
-from calibration.report.runs import INTACT, FilmedRun, conclusions, pooled
-from calibration.report.tracking_quality import TrackingQuality
 from eldir.controller import Controller
 from eldir.design import Design
 from eldir.genotype import random_genotypes
@@ -22,7 +16,12 @@ from eldir.lattice import Lattice
 from eldir.morphology import develop
 from eldir.scene import Scene
 from eldir.trajectory import Trajectory
-from hardware.analysis.null_designs import OTHERS, other_robots
+from eldir_calibration.report.comparison import Motion, agreements
+from eldir_calibration.report.null_comparison import OTHERS, against_others, other_robots
+from eldir_calibration.report.page import write_report
+from eldir_calibration.report.runs import INTACT, FilmedRun, conclusions, pooled
+from eldir_hardware.camera.plane import Plane
+from eldir_hardware.vision.tracking_quality import TrackingQuality
 from tests.calibration.report.report_input import SCHEMA, content
 from tests.calibration.report.striding_walkers import CYCLES, LENGTH, walker
 

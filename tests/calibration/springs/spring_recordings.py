@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import yaml
 
-from calibration.springs.recording import SpringRecording
 from eldir.built.heat import HeatModel
 from eldir.parameters.springs import SpringParameters
-from hardware.rig.configuration import Rig
-from hardware.rig.template import virtual_rig
+from eldir_calibration.springs.recording import SpringRecording
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.rig.template import virtual_rig
 
 RATE = 5.0  # samples a second
 FORMER = Rig.from_json(yaml.safe_load(virtual_rig())).spring_parameters()

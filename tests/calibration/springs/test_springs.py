@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from calibration.springs.fit import fit_springs
-from calibration.springs.recording import SpringRecording
-from eldir.commands.main import application
 from eldir.errors import InputError
-from hardware.analysis.spring_record import load_recording
-from hardware.rig.configuration import Rig
-from hardware.rig.sections import THERMAL
-from hardware.rig.template import virtual_rig
+from eldir_app.application import application
+from eldir_calibration.identification.spring_record import load_recording
+from eldir_calibration.springs.fit import fit_springs
+from eldir_calibration.springs.recording import SpringRecording
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.rig.sections import THERMAL
+from eldir_hardware.rig.template import virtual_rig
 from tests.calibration.springs.spring_recordings import FORMER, recorded
 from tests.raised import raises
 

@@ -7,10 +7,10 @@ from functools import cache
 
 import pytest
 
-from calibration.dynamics.recording import Recording
-from calibration.dynamics.results import identify_robot
-from calibration.dynamics.settings import DEFAULT_SETTINGS
 from eldir.built.scene import BuiltScene
+from eldir_calibration.dynamics.recording import Recording
+from eldir_calibration.dynamics.results import identify_robot
+from eldir_calibration.dynamics.settings import DEFAULT_SETTINGS
 from tests.calibration.dynamics.hidden_rigs import SOFT, film, walker
 from tests.made_once import made_once
 

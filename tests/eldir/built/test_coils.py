@@ -12,8 +12,7 @@ from eldir.built.gait import Gait, free_lengths
 from eldir.built.motion import BuiltMotion, drive
 from eldir.built.robot import BuiltRobot, build, rest_state
 from eldir.built.statics import shape_fault
-from eldir.built.validity.coils import coil_load
-from eldir.built.walking import walk
+from eldir.built.walking import coil_load, walk
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.springs import SpringParameters
 from tests.calibration.dynamics.hidden_rigs import walker

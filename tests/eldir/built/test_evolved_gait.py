@@ -14,7 +14,7 @@ from eldir.built.samples import NominalRobots, SampledWalks
 from eldir.errors import InputError
 from eldir.lattice import Lattice
 from eldir.parameters.robot import RobotParameters
-from hardware.planning.plan import heating_limits
+from eldir_hardware.planning.plan import heating_limits
 from tests.eldir.random_design import make_design
 from tests.hardware.rigs_and_schedules import rig_with
 from tests.raised import raises
@@ -66,7 +66,7 @@ def test_an_allowed_gait_is_taken_as_it_is(limits: HeatingLimits, monkeypatch: p
 
 def test_a_rig_with_less_heat_gets_the_best_times_that_it_allows(monkeypatch: pytest.MonkeyPatch) -> None:
     """Judged by a stand-in that likes a later phase; falls count more than the mean."""
-    weak = heating_limits(rig_with(supply={"budget_a": 8}, limits={"longest_on_s": 5.2}))
+    weak = heating_limits(rig_with(supply={"max_total_current_a": 8}, limits={"max_on_s": 5.2}))
     assert not weak.allowed(OWN)
 
     def walks(robots: NominalRobots, gaits: list[Gait], *_: int, **quick: float) -> list[SampledWalks]:

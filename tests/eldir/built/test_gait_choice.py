@@ -10,8 +10,6 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from calibration.dynamics.results import _parts
-from calibration.dynamics.upright import stayed_upright
 from eldir.built import gait_choice, gait_search, samples
 from eldir.built.gait import CYCLES, Gait, free_lengths
 from eldir.built.gait_choice import choose
@@ -25,13 +23,15 @@ from eldir.errors import EldirError
 from eldir.lattice import Lattice
 from eldir.parameters.robot import part_names, robot_at
 from eldir.trajectory import Trajectory
-from hardware.analysis import predictions as predicting
-from hardware.analysis.recorded_run import RecordedRun
-from hardware.commands.gait import gait as command
-from hardware.planning import plan as planning
-from hardware.planning.compiler import compile_schedule, gait_of
-from hardware.planning.plan import plan
-from hardware.rig.template import virtual_rig
+from eldir_app.commands.gait import gait as command
+from eldir_calibration.comparison import predictions as predicting
+from eldir_calibration.comparison.recorded_run import RecordedRun
+from eldir_calibration.dynamics.recording import stayed_upright
+from eldir_calibration.dynamics.results import _parts
+from eldir_hardware.planning import plan as planning
+from eldir_hardware.planning.compiler import compile_schedule, gait_of
+from eldir_hardware.planning.plan import plan
+from eldir_hardware.rig.template import virtual_rig
 from tests.calibration.dynamics.hidden_rigs import SOFT, walker
 from tests.eldir.built.filmed_scenes import WALKED, film, scene_of
 from tests.eldir.random_design import make_design
@@ -117,8 +117,8 @@ def test_a_scene_knows_its_robot(design: Design, tmp_path: Path) -> None:
     """Another body, and the same with a weight on it, did not walk this way."""
     scene_of(design, film(0.7)).save(tmp_path / "scene.json")
     scene = BuiltScene.load(tmp_path / "scene.json")
-    taught = replace(design, controller=replace(design.controller, b2=design.controller.b2 + 1.0))
-    assert scene.filmed_of(design) == scene.filmed_of(taught) == [film(0.7)]
+    trained = replace(design, controller=replace(design.controller, b2=design.controller.b2 + 1.0))
+    assert scene.filmed_of(design) == scene.filmed_of(trained) == [film(0.7)]
     loaded = replace(design, variant=Variant(ballast=Ballast(9.0, 0)))
     assert not scene.filmed_of(make_design(44, Lattice(3, 6))) and not scene.filmed_of(loaded)
     heavy = replace(scene, ballast_kg=loaded.ballast)

@@ -15,7 +15,7 @@ from eldir.built.walking import walk
 from eldir.design import Design
 from eldir.lattice import Lattice
 from eldir.parameters.printed import BuiltParameters
-from hardware.planning.plan import heating_limits
+from eldir_hardware.planning.plan import heating_limits
 from tests.calibration.dynamics.hidden_rigs import SOFT
 from tests.eldir.built.filmed_scenes import film, scene_of
 from tests.eldir.random_design import make_design
@@ -53,7 +53,7 @@ def test_the_search_takes_what_walks_farthest_and_is_allowed(monkeypatch):
     found = searched_gait(design, LIMITS)
     assert isinstance(found, Gait) and found.phase[1] == pytest.approx(5 / 8)
     assert LIMITS.allowed(found)
-    weak = heating_limits(rig_with(supply={"budget_a": 8}, limits={"longest_on_s": 5.2}))
+    weak = heating_limits(rig_with(supply={"max_total_current_a": 8}, limits={"max_on_s": 5.2}))
     slower = searched_gait(design, weak)
     assert weak.allowed(slower), "6 s of heating are not allowed there"
     assert slower.duty[0] * slower.period <= 5.2 + 1e-6
@@ -66,7 +66,11 @@ def test_the_search_rejects_what_falls_in_other_builds(monkeypatch):
     monkeypatch.setattr(gait_search, "_CYCLES", 2)
     monkeypatch.setattr(gait_search, "_HEAVIER", 1.0)  # more inertia is for hubs
     design = make_design(44, Lattice(3, 6))
-    known = {"current": 0.01, "hottest_c": 22, "air_stream": 0.02}  # so that the rig allows 6 s in 20
+    known = {
+        "current": 0.01,
+        "ambient_max_c": 22,
+        "convection_tolerance": 0.02,
+    }  # so that the rig allows 6 s in 20
     limits = heating_limits(
         rig_with(supply={"current_limit_a": 3.8}, springs={"resistance_tolerance": 0.01}, tolerances=known)
     )

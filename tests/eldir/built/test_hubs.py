@@ -7,20 +7,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cad.checks.strip_law import StripLaw, hub_parameters
-from cad.geometry.assembly import assemble
-from cad.kit.defaults import PRINTER
-from cad.kit.printer import load_printer
-from cad.kit.specification import load_specification
-from cad.multibody.hubs import hub_inertias
-from cad.multibody.model import SOCKET_FRICTION
-from eldir.built.directions import DriveInputs
 from eldir.built.motion import drive
 from eldir.built.robot import BuiltRobot, build, rest_state
 from eldir.built.sensitivities import sensitivities
 from eldir.built.stability import STICKS, stable_step
+from eldir.built.tangents import DriveInputs
 from eldir.errors import InputError
 from eldir.parameters.printed import BuiltParameters
+from eldir_cad.checks.strip_law import StripLaw, hub_parameters
+from eldir_cad.geometry.assembly import assemble
+from eldir_cad.kit.defaults import PRINTER
+from eldir_cad.kit.printer import load_printer
+from eldir_cad.kit.specification import load_specification
+from eldir_cad.multibody.hubs import hub_inertias
+from eldir_cad.multibody.model import SOCKET_FRICTION
 from tests.eldir.built.braced_robots import COLD, FREE_FALL, HOT, bodies, momenta, strip, swing, unheated
 from tests.eldir.engine.hub_twin import least_bent
 from tests.eldir.engine.twin import built_run

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from eldir.built.directions import DriveInputs
 from eldir.built.motion import drive
 from eldir.built.robot import build, rest_state
 from eldir.built.sensitivities import sensitivities
+from eldir.built.tangents import DriveInputs
 from eldir.errors import InputError
 from eldir.parameters.printed import BuiltParameters
 from tests.eldir.built.braced_robots import bodies, unheated

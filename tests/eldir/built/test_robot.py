@@ -46,9 +46,9 @@ def test_the_preset_is_the_built_robots_scene() -> None:
 def test_a_built_scene_is_driven_and_not_taught() -> None:
     scene, body = Scene.preset("built"), bodies(1)[0]
     brain = Controller.random(len(body.positions), body.motors, np.random.default_rng(0))
-    for taught in (simulate, loss_and_gradient):
+    for trained in (simulate, loss_and_gradient):
         with raises(InputError, "scene.no-controller", match=r"eldir\.built\.drive"):
-            taught([body], [brain], scene)
+            trained([body], [brain], scene)
     with raises(InputError, "scene.no-controller"):
         learn([body], scene, 1)
     assert scene.built is not None

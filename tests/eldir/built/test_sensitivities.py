@@ -7,18 +7,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eldir.built.directions import DIRECTIONS, Direction, DriveInputs
 from eldir.built.motion import drive
 from eldir.built.robot import build, rest_state
 from eldir.built.sensitivities import sensitivities
 from eldir.built.stability import stable_step
+from eldir.built.tangents import TANGENTS, DriveInputs, Tangent
 from eldir.errors import InputError
 from eldir.parameters.printed import BuiltParameters
 from tests.eldir.built.braced_robots import COLD, FREE_FALL, HOT, bodies, strip, swing, unheated
 from tests.raised import raises
 
 INTERVAL = 0.005
-OF_BUILD = set(BuiltParameters().to_json()) & set(DIRECTIONS)
+OF_BUILD = set(BuiltParameters().to_json()) & set(TANGENTS)
 FREE = {"cold_length": 0, "hot_length": 1}
 
 
@@ -72,7 +72,7 @@ def test_slopes_are_those_of_the_motion(held: str) -> None:
     base = drives(replace(parameters, tilt=0.02), seed)
     step = 0.8 * stable_step(base.robot)
     other = "buckling" if clamped else "bending"  # pinned strips buckle here, clamped ones bend
-    names = [n for n in DIRECTIONS if n not in ("lag", other) and (clamped or n != "gyration")]
+    names = [n for n in TANGENTS if n not in ("lag", other) and (clamped or n != "gyration")]
     (found,) = sensitivities([base], [names], step=step)
     assert found.positions.tobytes() == moved(base, step).tobytes()
     feet = found.positions[1:, :, 1]
@@ -97,7 +97,7 @@ def test_what_the_motion_begins_with_and_single_springs() -> None:
     longer = np.zeros(len(robot.springs))
     longer[np.flatnonzero(~robot.active)[3]] = 1.0
     course = base.lengths - COLD  # of a motor that stretches further
-    parameters = [Direction(state=kicked), Direction(rest_lengths=longer), base.by_lengths(course)]
+    parameters = [Tangent(state=kicked), Tangent(rest_lengths=longer), base.by_lengths(course)]
     start = rest_state(robot)
     start[1] += 0.002
     start[2] += 0.05
@@ -122,7 +122,7 @@ def test_feet_of_different_friction() -> None:
     base, step = replace(base, robot=robot), 0.8 * stable_step(robot)
     foot, h = np.zeros(len(robot.masses)), 1e-5
     foot[int(np.argmin(robot.positions[:, 1]))] = 1.0
-    (found,) = sensitivities([base], [["friction", Direction(friction=foot)]], step=step)
+    (found,) = sensitivities([base], [["friction", Tangent(friction=foot)]], step=step)
 
     def at(common: float, single: float) -> np.ndarray:
         friction = robot.parameters.friction
@@ -166,7 +166,7 @@ def test_two_masses_on_a_strip_follow_the_closed_form() -> None:
 
 def test_going_on_equals_one_long_run_whatever_the_company(monkeypatch: pytest.MonkeyPatch) -> None:
     base = [drives(BuiltParameters.clamped(), seed) for seed in (2, 3)]
-    names = [[n for n in DIRECTIONS if n != "lag"][:10], ["friction"]]
+    names = [[n for n in TANGENTS if n != "lag"][:10], ["friction"]]
     monkeypatch.setenv("ELDIR_THREADS", "2")
     whole = sensitivities(base, names)
     monkeypatch.setenv("ELDIR_THREADS", "1")
@@ -180,8 +180,8 @@ def test_going_on_equals_one_long_run_whatever_the_company(monkeypatch: pytest.M
     assert whole[0].state_slopes.tobytes() == second.state_slopes.tobytes()
 
 
-def _with_state(drive: DriveInputs, names: list[str], slopes: np.ndarray) -> list[Direction]:
-    return [replace(DIRECTIONS[n](drive), state=s) for n, s in zip(names, slopes, strict=True)]
+def _with_state(drive: DriveInputs, names: list[str], slopes: np.ndarray) -> list[Tangent]:
+    return [replace(TANGENTS[n](drive), state=s) for n, s in zip(names, slopes, strict=True)]
 
 
 def test_a_robot_that_blows_up_is_told_and_others_are_not_touched(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -198,7 +198,7 @@ def test_what_is_refused() -> None:
     with raises(InputError, "input.unknown-name", "parameter", match="found 'colour'"):
         sensitivities([base], [["colour"]])
     with raises(InputError, "input.wrong-shape", "array of a direction"):
-        sensitivities([base], [[Direction(rest_lengths=np.zeros(3))]])
+        sensitivities([base], [[Tangent(rest_lengths=np.zeros(3))]])
     with raises(InputError, "input.wrong-value", "parameters of drive 0"):
         sensitivities([base], [[]])
     with raises(InputError, "input.wrong-number", "lists of parameters"):

@@ -16,8 +16,8 @@ from eldir.parameters.still_air import (
     radiation,
     wire_coefficient,
 )
-from hardware.rig.supply import LimitError, settled_in_still_air
-from hardware.safety import limits
+from eldir_hardware.rig.supply import LimitError, settled_in_still_air
+from eldir_hardware.safety import limits
 from tests.hardware.rigs_and_schedules import measured, rig_with
 from tests.hardware.safety.independent_heat import Wire, still_air, temperatures
 from tests.paths import ROOT

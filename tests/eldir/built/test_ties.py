@@ -14,7 +14,7 @@ from eldir.built.motion import drive
 from eldir.built.robot import BuiltRobot, build
 from eldir.built.samples import NominalRobots, SampledWalks, sampled_walks
 from eldir.built.screening import candidate_gaits
-from eldir.built.validity.ties import TIED, described, tie_share
+from eldir.built.walking import TIED, describe_ties, tie_share
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
 from tests.calibration.dynamics.hidden_rigs import walker
@@ -109,5 +109,5 @@ def test_samples_tell_their_ties() -> None:
 
 def test_words() -> None:
     words = "ties: in 8% of the feet's sliding both outer feet bear about the same load"
-    assert described(0.08) == f"{words} (above 30% a prediction is doubtful)"
-    assert described(TIED + 0.01).endswith("so this prediction is doubtful")
+    assert describe_ties(0.08) == f"{words} (above 30% a prediction is doubtful)"
+    assert describe_ties(TIED + 0.01).endswith("so this prediction is doubtful")

@@ -11,10 +11,10 @@ from eldir.built.heat import SpringState, heat
 from eldir.built.motion import drive
 from eldir.built.robot import build
 from eldir.parameters.printed import BuiltParameters
-from eldir.parameters.robot import RobotParameters
+from eldir.parameters.robot import QUANTITIES, RobotParameters
 from eldir.parameters.springs import SpringParameters
-from eldir.parameters.uncertain import PARAMETERS, QUANTITIES, parameters_of
-from hardware.virtual.far import far_from
+from eldir.parameters.uncertain import PARAMETERS, parameters_of
+from eldir_hardware.virtual.bodies import far_from
 from tests.calibration.dynamics.hidden_rigs import SOFT, heating, walker
 
 HUBS = replace(SOFT, printed=SOFT.printed.with_hubs())

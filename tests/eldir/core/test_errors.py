@@ -8,17 +8,17 @@ import runpy
 
 import pytest
 
-from calibration.camera.lens import Lens
 from eldir.core.arguments import require_known, require_number, require_shape, require_value
 from eldir.core.files import read_file, require_new
 from eldir.core.json_text import parse_json
 from eldir.core.yaml_files import parse_yaml
 from eldir.errors import EldirError, InputError
-from eldir.evolution.search import Evolution
+from eldir.evolution.search import EvolutionConfig
 from eldir.scene import Scene
-from hardware.rig.configuration import Rig
-from hardware.rig.template import virtual_rig
-from tests.calibration.camera.lenses import lens_of
+from eldir_hardware.camera.lens import Lens
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.rig.template import virtual_rig
+from tests.hardware.camera.lenses import lens_of
 from tests.paths import ROOT
 from tests.raised import raises
 
@@ -58,7 +58,9 @@ def test_what_does_not_fit_in_a_record_has_its_code(tmp_path) -> None:
     with raises(InputError, "scene.inconsistent", "Scene.precision"):
         Scene.preset("built").replace(precision="f32")
     with raises(InputError, "evolution.inconsistent", "Scene.window"):
-        Evolution.from_json(json.loads(json.dumps(Evolution().to_json())) | {"scene": _second_order()})
+        EvolutionConfig.from_json(
+            json.loads(json.dumps(EvolutionConfig().to_json())) | {"scene": _second_order()}
+        )
 
 
 def _second_order() -> dict[str, object]:

@@ -15,6 +15,7 @@ import pytest
 
 from eldir.core import program_log
 from eldir.errors import InputError
+from tests.paths import NODES
 
 WRITE = """
 import logging, sys, time
@@ -22,10 +23,10 @@ from eldir.core.program_log import configure
 configure("writer")
 begun = time.monotonic()
 for number in range(3000):
-    logging.getLogger("hardware.relay").debug("line %d", number)
+    logging.getLogger("eldir_hardware.relay").debug("line %d", number)
 print(time.monotonic() - begun, flush=True)
 sys.stdin.readline()
-logging.getLogger("hardware.relay").debug("the last line")
+logging.getLogger("eldir_hardware.relay").debug("the last line")
 """
 
 
@@ -35,7 +36,7 @@ logging.getLogger("hardware.relay").debug("the last line")
         ("", {}),
         ("debug", {"": "debug"}),
         (" INFO ,", {"": "info"}),
-        ("hardware.relay=debug,warning", {"hardware.relay": "debug", "": "warning"}),
+        ("eldir_hardware.relay=debug,warning", {"eldir_hardware.relay": "debug", "": "warning"}),
         ("error, numpy.linalg = info", {"": "error", "numpy.linalg": "info"}),
     ],
 )
@@ -69,7 +70,7 @@ def test_a_wrong_variable_is_one_line(text, problem, monkeypatch):
         ("error", 1, "info"),
         ("info", 1, "debug"),
         ("debug", 1, "debug"),
-        ("hardware.relay=debug,cad=error", 1, "hardware.relay=debug,cad=error,info"),
+        ("eldir_hardware.relay=debug,cad=error", 1, "eldir_hardware.relay=debug,cad=error,info"),
     ],
 )
 def test_each_v_is_one_step(before, steps, after, monkeypatch):
@@ -81,9 +82,11 @@ def test_each_v_is_one_step(before, steps, after, monkeypatch):
 def test_importing_configures_nothing():
     """A program of another person decides itself what is written, and where."""
     code = (
-        "import logging, eldir, cad, calibration, hardware, eldir_ros, hardware.relay.line, eldir.rollout\n"
+        "import logging, eldir, eldir_cad, eldir_calibration, eldir_app, eldir_ros\n"
+        "import eldir_hardware.relay.line, eldir.rollout\n"
         "print(logging.getLogger().handlers, logging.getLogger().level, logging.raiseExceptions)\n"
-        "for name in ('eldir', 'cad', 'calibration', 'hardware', 'eldir_ros'):\n"
+        "from eldir.core.program_log import PACKAGES\n"
+        "for name in PACKAGES:\n"
         "    own = logging.getLogger(name)\n"
         "    print(name, [type(h).__name__ for h in own.handlers], own.level, own.propagate)\n"
         "    own.warning('nobody listens')\n"
@@ -94,6 +97,7 @@ def test_importing_configures_nothing():
         text=True,
         check=True,
         env=os.environ | {"ELDIR_LOG": "debug"},
+        cwd=NODES,
     )
     packages = [f"{name} ['NullHandler'] 0 True" for name in program_log.PACKAGES]
     assert said.stdout.splitlines() == ["[] 30 True", *packages] and said.stderr == ""
@@ -128,7 +132,7 @@ def test_a_stderr_that_takes_nothing_is_not_waited_for(stalled):
     writer = subprocess.Popen(
         [sys.executable, "-c", WRITE],
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=guest, text=True,
-        env=os.environ | {"ELDIR_LOG": "hardware.relay=debug"},
+        env=os.environ | {"ELDIR_LOG": "eldir_hardware.relay=debug"},
     )  # fmt: skip
     try:
         assert float(writer.stdout.readline()) < 5.0
@@ -144,11 +148,11 @@ def test_a_stderr_that_takes_nothing_is_not_waited_for(stalled):
         os.close(host)
     lines = read.decode().splitlines()
     assert writer.returncode == 0
-    written = sum("hardware.relay: line " in line for line in lines)
+    written = sum("eldir_hardware.relay: line " in line for line in lines)
     left_out = sum(int(line.split()[3]) for line in lines if line.startswith("eldir: left out "))
     # A terminal may take a part of the last line that it takes.
     assert 3000 - left_out - written in ((0, 1) if "terminal" in stalled.__name__ else (0,)) and left_out > 0
-    assert lines[-1].endswith("DEBUG   writer hardware.relay: the last line")
+    assert lines[-1].endswith("DEBUG   writer eldir_hardware.relay: the last line")
 
 
 def drain(handle: int) -> bytes:
@@ -191,9 +195,10 @@ def test_a_stderr_that_is_gone(how):
 def test_quiet_lines_are_those_of_errors():
     code = (
         "import logging; from eldir.core.program_log import configure; configure('x');"
-        "logging.getLogger('cad.kit').warning('a note'); logging.getLogger('cad.kit').info('nothing')"
+        "logging.getLogger('eldir_cad.kit').warning('a note');"
+        "logging.getLogger('eldir_cad.kit').info('nothing')"
     )
     plain = {name: value for name, value in os.environ.items() if name != "ELDIR_LOG"}
     said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=plain)
     assert said.stderr == "eldir: a note\n"
-    assert logging.getLogger("cad").level == logging.NOTSET
+    assert logging.getLogger("eldir_cad").level == logging.NOTSET

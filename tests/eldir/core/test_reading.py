@@ -9,7 +9,6 @@ import tracemalloc
 
 import pytest
 
-from calibration.camera.plane import TagBoard
 from eldir.built.scene import BuiltScene
 from eldir.core.json_text import LARGEST, parse_json
 from eldir.core.yaml_files import LARGEST as LARGEST_YAML
@@ -18,9 +17,10 @@ from eldir.design import Design
 from eldir.errors import InputError
 from eldir.lattice import Lattice
 from eldir.trajectory import Trajectory
-from hardware.rig.configuration import Rig
-from hardware.rig.template import virtual_rig
-from hardware.schedule import ActuationSchedule
+from eldir_hardware.camera.plane import TagBoard
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.rig.template import virtual_rig
+from eldir_hardware.schedule import ActuationSchedule
 from tests.eldir.random_design import make_design
 from tests.hardware.emulated_rigs import each_once
 from tests.hardware.rigs_and_schedules import SCHEDULE
@@ -146,7 +146,7 @@ def test_errors_say_where_and_what():
 
 @pytest.mark.parametrize("number", ["010", "-010", "1:30", "1:30.5", "0x10", "0b11", "1_000", "1_0.5"])
 def test_numbers_that_yaml_reads_in_another_way_are_refused(number):
-    """As 8, 90 or 1000: a rig file with `least_off_s: 010` would let springs rest for 8 s."""
+    """As 8, 90 or 1000: a rig file with `min_off_s: 010` would let springs rest for 8 s."""
     with pytest.raises(InputError, match=f"{number!r} is no plain decimal number in line 1"):
         parse_yaml(f"a: {number}".encode(), "rig.yaml")
     for plain in (0, -7, 10, 0.5, -1.5e-3):
@@ -204,8 +204,8 @@ WRONG_RIGS = {
         "current_limit_a: off",
         "supply.current_limit_a is wrong; expected a valid number",
     ),
-    "longest_on_s: 6.3": ("longest_on_s: true", "cutoff.timer.longest_on_s is wrong"),
-    "budget_a: 16": ("budget_b: 16", "supply.budget_a is missing"),
+    "max_on_s: 6.3": ("max_on_s: true", "cutoff.timer.max_on_s is wrong"),
+    "max_total_current_a: 16": ("budget_b: 16", "supply.max_total_current_a is missing"),
     "name: virtual bench": ("name: x\ncolour: red", "no entry has the name colour"),
     "interlocked: true": ("interlocked: 3", "fan.interlocked is wrong"),
     "supply: {": ("supply: 3 #", "supply is wrong; expected named entries"),

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from eldir.core.yaml_files import dump_yaml, parse_foreign_yaml, parse_yaml, with_entries
 from eldir.errors import InputError
-from hardware.rig.template import real_rig, virtual_rig
+from eldir_hardware.rig.template import real_rig, virtual_rig
 from tests.raised import raises
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -20,7 +20,11 @@ RIGS = {
     "with a robot": virtual_rig(board="mosfet", design="design.json"),
     "real": real_rig("lcus", "/dev/ttyUSB0"),
 }
-FILES = ("cad/kit/data/parts.yaml", "cad/kit/data/xip.yaml", "ros2_nodes/eldir_ros/config/rig.yaml")
+FILES = (
+    "cad/eldir_cad/kit/data/parts.yaml",
+    "cad/eldir_cad/kit/data/xip.yaml",
+    "ros2_nodes/eldir_ros/config/rig.yaml",
+)
 WORDS = """
 yes no on off y n Y N Yes TRUE ~ null 1e-3 1.0e-3 1e3 1.5e3 .5 -.5 -0 +1 017 0o17 0x1F 0b1 1_000 1:30 1:30.5
 2026-11-26 2026-11-26T10:11:12Z << = - a:b camera:0 /dev/ttyUSB0 .inf -.INF .NaN ? : | > % @ `
@@ -110,12 +114,12 @@ def test_an_entry_is_set_and_the_rest_stays(layout, entries):
 
 @pytest.mark.parametrize("text", RIGS.values(), ids=RIGS)
 def test_only_the_entry_of_a_rig_file_changes(text):
-    after = with_entries(text, "limits", {"ceiling_c": 85.5})
-    assert after == text.replace("ceiling_c: 90", "ceiling_c: 85.5")
-    after = with_entries(text, "board", {"second_flash": "restarts"})
+    after = with_entries(text, "limits", {"max_temperature_c": 85.5})
+    assert after == text.replace("max_temperature_c: 90", "max_temperature_c: 85.5")
+    after = with_entries(text, "board", {"retriggerable": True})
     lines = after.splitlines()
-    lines.remove("  second_flash: restarts")
-    assert lines == [line for line in text.splitlines() if "  second_flash:" not in line or "#" in line]
+    lines.remove("  retriggerable: true")
+    assert lines == [line for line in text.splitlines() if "  retriggerable:" not in line or "#" in line]
 
 
 def test_what_cannot_be_set_is_refused_with_what_to_write():

@@ -170,18 +170,18 @@ def test_learning_follows_the_normalised_gradient(preset: str, bias_gain: int) -
     scene = Scene.preset(preset).replace(precision="f64", steps=300)
     bodies, brains = robots(SMALL, 4, 7, scene)
     result = learn(bodies, scene, 4, controllers=brains)
-    losses, taught, trail = [], list(brains), []
+    losses, trained, trail = [], list(brains), []
     for _ in range(5):
-        loss, gradients = loss_and_gradient(bodies, taught, scene)
+        loss, gradients = loss_and_gradient(bodies, trained, scene)
         losses.append(loss)
-        trail.append(taught)
+        trail.append(trained)
         updated = []
-        for brain, g in zip(taught, gradients, strict=True):
+        for brain, g in zip(trained, gradients, strict=True):
             length = np.sqrt(norm(g) ** 2 + (bias_gain - 1) * (g.b1**2).sum())
             step = Training().update_length / (length + 1e-6)
             new = moved(brain, g, -step)
             updated.append(Controller(new.w1, brain.b1 - bias_gain * step * g.b1, new.w2, new.b2))
-        taught = updated
+        trained = updated
     expected = np.array(losses).T
     assert np.abs(result.losses - expected).max() < 1e-7
     for i, best in enumerate(expected.argmin(axis=1)):
@@ -199,9 +199,9 @@ def test_robots_that_blow_up_are_told() -> None:
         assert rollout.status >= 0 and rollout.loss == np.inf
         assert np.isnan(rollout.positions[rollout.status + 1 :]).all()
         assert np.isfinite(rollout.positions[: rollout.status]).all()
-    taught = learn(bodies, stiff, 2, controllers=brains)
-    assert np.isinf(taught.losses).all() and (taught.status >= 0).all()
-    assert all(np.array_equal(a.w1, b.w1) for a, b in zip(taught.controllers, brains, strict=True))
+    trained = learn(bodies, stiff, 2, controllers=brains)
+    assert np.isinf(trained.losses).all() and (trained.status >= 0).all()
+    assert all(np.array_equal(a.w1, b.w1) for a, b in zip(trained.controllers, brains, strict=True))
 
 
 def test_neighbours_of_a_robot_that_blew_up_are_untouched() -> None:

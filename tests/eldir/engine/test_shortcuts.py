@@ -7,7 +7,6 @@ import pytest
 from typer.testing import CliRunner
 
 from eldir.benchmark.skips import CASES, difference
-from eldir.commands.application import application
 from eldir.engine import batch
 from eldir.engine.shortcuts import ALL, Shortcuts, explain_skips
 from eldir.lattice import Lattice
@@ -15,6 +14,7 @@ from eldir.learning import learn
 from eldir.rollout import loss_and_gradient, simulate
 from eldir.scene import Scene
 from eldir.terrain import Terrain
+from eldir_app.application import application
 from tests.eldir.engine.random_robots import SMALL, WEIGHTS, like, moved, robots
 
 
@@ -41,8 +41,8 @@ def test_the_same_design_is_simulated_once(backward: bool, monkeypatch: pytest.M
     run = batch.run_batch
     monkeypatch.setattr(batch, "run_batch", lambda b, *a, **k: (simulated.append(len(b)), run(b, *a, **k))[1])
     if backward:
-        losses, taught = loss_and_gradient(*many, scene)[0], learn(many[0], scene, 2, controllers=many[1])
-        assert taught.losses.tobytes() == learn(bodies, scene, 2, controllers=brains).losses[order].tobytes()
+        losses, trained = loss_and_gradient(*many, scene)[0], learn(many[0], scene, 2, controllers=many[1])
+        assert trained.losses.tobytes() == learn(bodies, scene, 2, controllers=brains).losses[order].tobytes()
     else:
         losses = np.array([r.loss for r in simulate(*many, scene)])
     assert set(simulated) == {3}

@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 SMALL = ["--lattice", "4x6", "--max-motors", "2", "--population", "6", "--iterations", "3", "--seed", "3"]
-_CODE = "from eldir.commands.evolve import evolve; import typer; typer.run(evolve)"
+_CODE = "from eldir_app.commands.evolve import evolve; import typer; typer.run(evolve)"
 
 
 def start(*arguments: str | Path, threads: int = 1) -> subprocess.Popen[str]:

@@ -8,11 +8,11 @@ import pyarrow.parquet  # noqa: F401  before the clock of the killer starts
 
 from eldir.evolution.loop import run_generations
 from eldir.evolution.run_folder import RunFolder
-from eldir.evolution.search import Evolution
+from eldir.evolution.search import EvolutionConfig
 from eldir.lattice import Lattice
 from tests.eldir.evolution.pretended_searches import pretend
 
-CONFIG = Evolution(Lattice(4, 6), population=12, generations=12, max_active=2, iterations=3, seed=5)
+CONFIG = EvolutionConfig(Lattice(4, 6), population=12, generations=12, max_active=2, iterations=3, seed=5)
 
 
 class Pretence:

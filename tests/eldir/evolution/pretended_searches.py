@@ -7,19 +7,19 @@ import numpy as np
 
 from eldir.controller import Controller
 from eldir.evolution.population import Robots
-from eldir.evolution.search import Evolution, Search
+from eldir.evolution.search import EvolutionConfig, Search
 from eldir.lattice import Lattice
 from eldir.morphology import Morphology
 
-SMALL = Evolution(Lattice(4, 6), population=12, generations=4, max_active=2, iterations=3, seed=5)
+SMALL = EvolutionConfig(Lattice(4, 6), population=12, generations=4, max_active=2, iterations=3, seed=5)
 
 
-def evaluate(robots: Robots, config: Evolution) -> SimpleNamespace:
+def evaluate(robots: Robots, config: EvolutionConfig) -> SimpleNamespace:
     """A cheap stand-in for learning: small bodies are good, and the seed adds a little."""
     return pretend(robots.morphologies(config.lattice), robots.seeds, config)
 
 
-def pretend(bodies: Sequence[Morphology], seeds: Sequence[int], config: Evolution) -> SimpleNamespace:
+def pretend(bodies: Sequence[Morphology], seeds: Sequence[int], config: EvolutionConfig) -> SimpleNamespace:
     losses, controllers = [], []
     for body, seed in zip(bodies, seeds, strict=True):
         rng = np.random.default_rng(seed)
@@ -31,7 +31,7 @@ def pretend(bodies: Sequence[Morphology], seeds: Sequence[int], config: Evolutio
     return SimpleNamespace(losses=np.array(losses), controllers=controllers)
 
 
-def evolved(config: Evolution, **options) -> Search:
+def evolved(config: EvolutionConfig, **options) -> Search:
     search = Search(config, **options)
     while not search.finished:
         robots = search.ask()

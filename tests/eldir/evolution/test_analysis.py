@@ -10,31 +10,31 @@ import numpy as np
 import pytest
 from lxml import etree
 
-from eldir.commands.analyse import analyse
 from eldir.errors import EldirError
 from eldir.evolution import figures
 from eldir.evolution.history import read_history
-from eldir.evolution.loop import LocalTeacher, run_generations
+from eldir.evolution.loop import LocalTrainer, run_generations
 from eldir.evolution.run_folder import RunFolder, load_generation
-from eldir.evolution.search import Evolution
+from eldir.evolution.search import EvolutionConfig
 from eldir.genotype import Genotype
 from eldir.lattice import Lattice
 from eldir.learning import learning_paths
 from eldir.morphology import develop
 from eldir.scene import Scene
 from eldir.terrain import Terrain
+from eldir_app.commands.analyse import analyse
 from tests.phone_screen import BROWSER, measured
 from tests.raised import raises
 
 SCENE = Scene.preset("paper").replace(steps=60, terrain=Terrain.rugged(np.random.default_rng(1), 0.2))
-CONFIG = Evolution(Lattice(4, 6), population=10, generations=3, iterations=4, seed=2, scene=SCENE)
+CONFIG = EvolutionConfig(Lattice(4, 6), population=10, generations=3, iterations=4, seed=2, scene=SCENE)
 FIGURES = ["best", "population", "size-and-fitness", "bodies", "zoo", "learning", "lineage", "discarded"]
 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory) -> RunFolder:
     run = RunFolder.create(tmp_path_factory.mktemp("analysis") / "run", CONFIG)
-    run_generations(run, run.restore(), LocalTeacher())
+    run_generations(run, run.restore(), LocalTrainer())
     return run
 
 

@@ -11,13 +11,13 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from eldir.commands.evolve import _parse_lattice, evolve
-from eldir.commands.status import status
 from eldir.evolution.defaults import Ground
 from eldir.evolution.designs import load_run
-from eldir.evolution.ground import scene_on
 from eldir.evolution.run_folder import load_generation
+from eldir.evolution.search import scene_on
 from eldir.rollout import simulate
+from eldir_app.commands.evolve import _parse_lattice, evolve
+from eldir_app.commands.status import status
 from tests.eldir.evolution.evolve_processes import SMALL, contents, start
 
 

@@ -8,14 +8,14 @@ import pytest
 from eldir.errors import InputError
 from eldir.evolution.history import read_history
 from eldir.evolution.run_folder import RunFolder, load_generation
-from eldir.evolution.search import Evolution
+from eldir.evolution.search import EvolutionConfig
 from eldir.lattice import Lattice
 from eldir.morphology import develop
 from tests.eldir.evolution.pretended_searches import evaluate
 from tests.eldir.evolution.run_folders import go_on
 from tests.raised import raises
 
-CONFIG = Evolution(
+CONFIG = EvolutionConfig(
     Lattice(4, 6), population=8, generations=5, crossover="distinct", max_active=2, iterations=3, seed=5
 )
 
@@ -70,7 +70,7 @@ def test_a_run_without_a_generation_and_foreign_files_are_named(run, tmp_path):
     with raises(InputError, "run.no-generation"):
         read_history(run)
     go_on(run, run.restore())
-    other = RunFolder.create(tmp_path / "other", Evolution.from_json(CONFIG.to_json() | {"seed": 6}))
+    other = RunFolder.create(tmp_path / "other", EvolutionConfig.from_json(CONFIG.to_json() | {"seed": 6}))
     go_on(other, other.restore())
     run.generation_file(2).write_bytes(other.generation_file(3).read_bytes())
     with raises(InputError, "run.broken-history", match="generation-0002"):

@@ -90,8 +90,8 @@ def test_a_generation_is_saved_while_the_next_one_learns(tmp_path, whole, monkey
 
 
 def test_killed_while_a_generation_is_saved_its_robots_learn_again_and_the_next_ones_do_not(tmp_path, whole):
-    run, teacher = RunFolder.create(tmp_path / "run", CONFIG), Counting(4)
-    run_generations(run, run.restore(), teacher, teacher.stopped)
+    run, trainer = RunFolder.create(tmp_path / "run", CONFIG), Counting(4)
+    run_generations(run, run.restore(), trainer, trainer.stopped)
     assert len(run.parts(1)) == 1
     for unwritten in (run.path / "survivors-0000.parquet", run.generation_file(0)):
         unwritten.unlink()
@@ -99,20 +99,20 @@ def test_killed_while_a_generation_is_saved_its_robots_learn_again_and_the_next_
     with run.locked():
         run_generations(run, run.restore(), again)
         assert contents(run.path) == whole
-    assert set(teacher.seeds[:12]) < set(again.seeds) and not set(teacher.seeds[12:]) & set(again.seeds)
+    assert set(trainer.seeds[:12]) < set(again.seeds) and not set(trainer.seeds[12:]) & set(again.seeds)
 
 
 @pytest.mark.parametrize("shards", [1, 2, 3, 17])
 def test_stopped_at_any_shard_no_robot_learns_twice(tmp_path, whole, shards):
     run = RunFolder.create(tmp_path / "run", CONFIG)
-    taught: list[int] = []
+    trained: list[int] = []
     while True:
-        search, teacher = run.restore(), Counting(shards)
-        run_generations(run, search, teacher, teacher.stopped)
-        taught += teacher.seeds
+        search, trainer = run.restore(), Counting(shards)
+        run_generations(run, search, trainer, trainer.stopped)
+        trained += trainer.seeds
         if search.finished:
             break
-    assert len(taught) == len(set(taught)) == CONFIG.population * (CONFIG.generations + 1)
+    assert len(trained) == len(set(trained)) == CONFIG.population * (CONFIG.generations + 1)
     with run.locked():
         assert contents(run.path) == whole
 
@@ -120,8 +120,8 @@ def test_stopped_at_any_shard_no_robot_learns_twice(tmp_path, whole, shards):
 def test_progress_counts_robots(tmp_path):
     run = RunFolder.create(tmp_path / "run", CONFIG)
     seen: list[int] = []
-    teacher = Counting(4)
-    run_generations(run, run.restore(), teacher, teacher.stopped, seen.append)
+    trainer = Counting(4)
+    run_generations(run, run.restore(), trainer, trainer.stopped, seen.append)
     assert seen == [0, 5, 10, 12, 0, 0, 5]
 
 
@@ -129,9 +129,9 @@ def test_status_while_it_runs_when_stopped_and_at_the_end(tmp_path):
     run = RunFolder.create(tmp_path / "run", CONFIG)
     empty = status_of(run)
     assert (empty.state, empty.whole, empty.best_m, empty.seconds_left) == ("stopped", 0, None, None)
-    teacher, search = Counting(10), run.restore()
+    trainer, search = Counting(10), run.restore()
     with run.locked():
-        run_generations(run, search, teacher, teacher.stopped)
+        run_generations(run, search, trainer, trainer.stopped)
         for g in range(3):
             os.utime(run.generation_file(g), (70.0 * g, 70.0 * g))
         status = status_of(run)
@@ -154,8 +154,8 @@ def test_status_while_it_runs_when_stopped_and_at_the_end(tmp_path):
 def test_the_time_left_is_told_from_the_last_five_generations(tmp_path):
     """Three of them took 100 s; older ones, which were quicker, do not count, and neither does one alone."""
     run = RunFolder.create(tmp_path / "run", CONFIG)
-    teacher = Counting(3 * 9)  # nine generations of three shards
-    run_generations(run, run.restore(), teacher, teacher.stopped)
+    trainer = Counting(3 * 9)  # nine generations of three shards
+    run_generations(run, run.restore(), trainer, trainer.stopped)
     ends = 1e9 + np.cumsum([0.0, 1, 1, 1, 100, 100, 100, 1, 1])
     for g, end in enumerate(ends):
         os.utime(run.generation_file(g), (end, end))
@@ -167,8 +167,8 @@ def test_the_time_left_is_told_from_the_last_five_generations(tmp_path):
 
 def test_a_copied_run_does_not_tell_how_long_a_generation_takes(tmp_path):
     run = RunFolder.create(tmp_path / "run", CONFIG)
-    teacher = Counting(10)
-    run_generations(run, run.restore(), teacher, teacher.stopped)
+    trainer = Counting(10)
+    run_generations(run, run.restore(), trainer, trainer.stopped)
     for g in range(3):  # as after `cp -r`
         os.utime(run.generation_file(g), (1e9 + 1e-4 * g, 1e9 + 1e-4 * g))
     status = status_of(run)
@@ -184,9 +184,9 @@ def test_the_discarded_are_counted(tmp_path):
                 yield shard, outcome
 
     run = RunFolder.create(tmp_path / "run", CONFIG)
-    teacher = Counting(3)
-    teacher.__class__ = type("Both", (Counting, Unstable), {})
-    run_generations(run, run.restore(), teacher, teacher.stopped)
+    trainer = Counting(3)
+    trainer.__class__ = type("Both", (Counting, Unstable), {})
+    run_generations(run, run.restore(), trainer, trainer.stopped)
     assert (status_of(run).evaluated, status_of(run).discarded) == (12, 3)
 
 
@@ -243,8 +243,8 @@ def test_a_folder_that_cannot_be_written_is_named(tmp_path, monkeypatch):
 
 def test_a_damaged_part_is_named_and_its_robots_learn_again(tmp_path, whole):
     run = RunFolder.create(tmp_path / "run", CONFIG)
-    teacher = Counting(2)
-    run_generations(run, run.restore(), teacher, teacher.stopped)
+    trainer = Counting(2)
+    run_generations(run, run.restore(), trainer, trainer.stopped)
     part = run.parts(0)[0]
     part.write_bytes(part.read_bytes()[:-20])
     with raises(InputError, "file.damaged", match=rf"{part.name}.*remove it"):

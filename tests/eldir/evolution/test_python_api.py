@@ -4,14 +4,14 @@ import subprocess
 import sys
 
 from eldir.errors import EldirError
-from eldir.evolution import Evolution, RunFolder, evolve, load_run, resume
-from eldir.evolution.loop import LocalTeacher, run_generations
+from eldir.evolution import EvolutionConfig, RunFolder, evolve, load_run, resume
+from eldir.evolution.loop import LocalTrainer, run_generations
 from eldir.lattice import Lattice
 from eldir.scene import Scene
 from tests.eldir.evolution.run_folders import contents
 from tests.raised import raises
 
-CONFIG = Evolution(
+CONFIG = EvolutionConfig(
     Lattice(4, 6), population=6, generations=3, iterations=2, scene=Scene().replace(steps=40), seed=2
 )
 
@@ -30,7 +30,7 @@ def test_one_call_makes_a_run_and_reports_each_generation(tmp_path):
 def test_an_interrupted_run_is_resumed_to_the_same_bytes(tmp_path):
     whole = evolve(CONFIG, str(tmp_path / "whole"))
     part, seen = RunFolder.create(tmp_path / "part", CONFIG), []
-    run_generations(part, part.restore(), LocalTeacher(), iter([False, False, True]).__next__)
+    run_generations(part, part.restore(), LocalTrainer(), iter([False, False, True]).__next__)
     assert 0 < len(part.whole_generations()) < 4
     resume(tmp_path / "part", lambda generation, best: seen.append(generation))
     assert seen[-1] == 3 and len(seen) < 4

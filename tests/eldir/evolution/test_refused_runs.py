@@ -5,22 +5,24 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from eldir.commands.application import application
 from eldir.errors import EldirError, InputError
 from eldir.evolution.loop import evolve
-from eldir.evolution.printed.configuration import PrintedEvolution
-from eldir.evolution.search import Evolution
+from eldir.evolution.printed.configuration import PrintedEvolutionConfig
+from eldir.evolution.search import EvolutionConfig
 from eldir.lattice import Lattice
+from eldir_app.application import application
 from tests.raised import raises
 
 GIANT = "1000000000000000"
 
 
-@pytest.mark.parametrize("purpose", ["paper", "built"])
+@pytest.mark.parametrize("objective", ["paper", "printed"])
 @pytest.mark.parametrize("option", ["--population", "--generations"])
-def test_giant_numbers_are_refused_with_the_range(purpose: str, option: str, tmp_path: Path) -> None:
+def test_giant_numbers_are_refused_with_the_range(objective: str, option: str, tmp_path: Path) -> None:
     out = tmp_path / "run"
-    result = CliRunner().invoke(application(), ["evolve", "--for", purpose, "--out", str(out), option, GIANT])
+    result = CliRunner().invoke(
+        application(), ["evolve", "--objective", objective, "--out", str(out), option, GIANT]
+    )
     assert result.exit_code == 2
     assert option in result.output and "100" in result.output.replace(GIANT, "")
     assert list(tmp_path.iterdir()) == []
@@ -44,14 +46,14 @@ def test_giant_numbers_are_refused_with_the_range(purpose: str, option: str, tmp
             "population x rows x columns",
             "100000000,",
         ),
-        ({"static_margin": 1e300}, "inconsistent", "Evolution.static_margin", "at most"),
+        ({"static_margin": 1e300}, "inconsistent", "EvolutionConfig.static_margin", "at most"),
     ],
 )
 def test_what_does_not_fit_is_refused_before_anything_is_allocated(
     values: dict, code: str, key: str, most: str
 ) -> None:
     with raises(InputError, f"evolution.{code}", key, match=f" {most}"):
-        Evolution(**values)
+        EvolutionConfig(**values)
 
 
 @pytest.mark.parametrize(
@@ -64,16 +66,21 @@ def test_what_does_not_fit_is_refused_before_anything_is_allocated(
             "population x rows x columns",
             "100000000,",
         ),
-        ({"static_margin": 1e300}, "inconsistent", "PrintedEvolution.static_margin", "171 mm .* 11 columns"),
+        (
+            {"static_margin": 1e300},
+            "inconsistent",
+            "PrintedEvolutionConfig.static_margin",
+            "171 mm .* 11 columns",
+        ),
     ],
 )
 def test_printed_runs_too(values: dict, code: str, key: str, most: str) -> None:
     with raises(InputError, f"printed-evolution.{code}", key, match=f" {most}"):
-        PrintedEvolution(**values)
+        PrintedEvolutionConfig(**values)
 
 
 def test_a_run_that_fails_at_once_leaves_no_folder(tmp_path: Path) -> None:
-    impossible = Evolution(Lattice(1, 3), population=2, static_margin=0.056)
+    impossible = EvolutionConfig(Lattice(1, 3), population=2, static_margin=0.056)
     with raises(EldirError, "evolution.too-few-bodies"):
         evolve(impossible, tmp_path / "run")
     assert list(tmp_path.iterdir()) == []
@@ -88,7 +95,7 @@ def test_nor_does_the_command_and_it_promises_nothing_saved(tmp_path: Path) -> N
 
 def test_nor_does_a_run_for_building(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("eldir.evolution.printed.search._ATTEMPTS", 2)
-    arguments = ["evolve", "--for", "built", "--out", str(tmp_path / "run"), "--lattice", "1x3"]
+    arguments = ["evolve", "--objective", "printed", "--out", str(tmp_path / "run"), "--lattice", "1x3"]
     result = CliRunner().invoke(application(), [*arguments, "--static-margin", "56"])
     assert "too few bodies" in str(result.exception)
     assert list(tmp_path.iterdir()) == []

@@ -10,13 +10,13 @@ import pytest
 from eldir.errors import EldirError, InputError
 from eldir.evolution.designs import load_run
 from eldir.evolution.run_folder import RunFolder, load_generation
-from eldir.evolution.search import Evolution
+from eldir.evolution.search import EvolutionConfig
 from eldir.lattice import Lattice
 from tests.eldir.evolution.run_folders import contents, go_on
 from tests.paths import SCHEMAS
 from tests.raised import raises
 
-CONFIG = Evolution(Lattice(4, 6), population=8, generations=4, max_active=2, iterations=3, seed=5)
+CONFIG = EvolutionConfig(Lattice(4, 6), population=8, generations=4, max_active=2, iterations=3, seed=5)
 SCHEMA = SCHEMAS / "run.schema.json"
 
 

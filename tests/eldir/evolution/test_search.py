@@ -6,7 +6,7 @@ import pytest
 from eldir.built.robot import build
 from eldir.errors import EldirError, InputError
 from eldir.evolution.population import select, valid
-from eldir.evolution.search import Evolution, Search, robot_seed
+from eldir.evolution.search import EvolutionConfig, Search, robot_seed
 from eldir.morphology import Morphology
 from tests.eldir.evolution.pretended_searches import SMALL, evaluate, evolved
 from tests.raised import raises
@@ -49,7 +49,7 @@ def test_same_seed_same_run_and_another_seed_another():
     one, again, other = (
         evolved(SMALL),
         evolved(SMALL),
-        evolved(Evolution.from_json(SMALL.to_json() | {"seed": 6})),
+        evolved(EvolutionConfig.from_json(SMALL.to_json() | {"seed": 6})),
     )
     assert one.survivors == again.survivors
     assert one.survivors != other.survivors
@@ -73,7 +73,7 @@ def test_seeds_are_distinct_and_do_not_depend_on_the_population():
     assert len(seeds) == 2500
     assert all(0 <= s < 2**63 for s in seeds)
     few = Search(SMALL).ask().seeds
-    many = Search(Evolution.from_json(SMALL.to_json() | {"population": 20})).ask().seeds
+    many = Search(EvolutionConfig.from_json(SMALL.to_json() | {"population": 20})).ask().seeds
     assert np.array_equal(few, many[:12])
 
 
@@ -130,7 +130,7 @@ def test_only_accepted_bodies_live(crossover):
     def small(body: Morphology) -> bool:
         return len(body.positions) <= 10
 
-    config = Evolution.from_json(SMALL.to_json() | {"crossover": crossover})
+    config = EvolutionConfig.from_json(SMALL.to_json() | {"crossover": crossover})
     search = evolved(config, accept=small)
     bodies = search.survivors.robots.morphologies(config.lattice)
     assert all(small(b) for b in bodies)
@@ -141,7 +141,7 @@ def test_only_accepted_bodies_live(crossover):
 
 def test_only_bodies_that_stand_are_born():
     """The margin by hand: feet are the masses of the lowest row, weights as built."""
-    config = Evolution.from_json(SMALL.to_json() | {"static_margin": 0.02})
+    config = EvolutionConfig.from_json(SMALL.to_json() | {"static_margin": 0.02})
     search = Search(config)
     while not search.finished:
         robots = search.ask()
@@ -154,11 +154,11 @@ def test_only_bodies_that_stand_are_born():
             assert centre - 1e-9 <= feet.max() - 0.02
         search.tell(robots, evaluate(robots, config))
     with raises(InputError, "evolution.wrong-value", "static_margin"):
-        Evolution(static_margin=np.nan)
+        EvolutionConfig(static_margin=np.nan)
 
 
 def test_parents_are_named_by_their_ids():
-    config = Evolution.from_json(SMALL.to_json() | {"crossover": "joint"})
+    config = EvolutionConfig.from_json(SMALL.to_json() | {"crossover": "joint"})
     search = Search(config)
     robots = search.ask()
     assert (robots.parents == -1).all()
@@ -175,4 +175,4 @@ def test_parents_are_named_by_their_ids():
 )
 def test_a_wrong_configuration_is_named(name, wrong):
     with raises(InputError, "evolution.wrong-value", name):
-        Evolution(**{name: wrong})
+        EvolutionConfig(**{name: wrong})

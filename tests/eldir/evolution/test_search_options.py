@@ -8,10 +8,10 @@ from eldir.built.statics import freedoms, static_margin
 from eldir.errors import InputError
 from eldir.evolution.designs import load_run
 from eldir.evolution.history import read_history
-from eldir.evolution.inheritance import inherit
-from eldir.evolution.loop import LocalTeacher, Shard, run_generations
+from eldir.evolution.loop import LocalTrainer, Shard, run_generations
 from eldir.evolution.run_folder import RunFolder, load_generation
-from eldir.evolution.search import Evolution, Search
+from eldir.evolution.search import EvolutionConfig, Search
+from eldir.evolution.variation import inherit
 from eldir.lattice import Lattice
 from eldir.learning import initial_controllers
 from eldir.morphology import develop
@@ -22,11 +22,11 @@ from tests.eldir.evolution.pretended_searches import evaluate, evolved, pretend
 from tests.eldir.evolution.run_folders import contents, go_on
 from tests.raised import raises
 
-SMALL = Evolution(Lattice(4, 6), population=8, generations=3, max_active=2, iterations=3, seed=5)
+SMALL = EvolutionConfig(Lattice(4, 6), population=8, generations=3, max_active=2, iterations=3, seed=5)
 
 
-def changed(**values) -> Evolution:
-    return Evolution.from_json(SMALL.to_json() | values)
+def changed(**values) -> EvolutionConfig:
+    return EvolutionConfig.from_json(SMALL.to_json() | values)
 
 
 @pytest.mark.parametrize("crossover", ["none", "distinct", "joint"])
@@ -66,15 +66,15 @@ class Heirs(Counting):
 def test_offspring_start_from_the_weights_of_their_parent(tmp_path):
     config = changed(inherit=True, crossover="joint", population=12)
     run = RunFolder.create(tmp_path / "run", config)
-    search, teacher = run.restore(), Heirs(3)
-    run_generations(run, search, teacher, teacher.stopped)
-    assert all(shard.controllers is None for shard in teacher.shards)
-    parents, teacher = search.survivors, Heirs(3)
+    search, trainer = run.restore(), Heirs(3)
+    run_generations(run, search, trainer, trainer.stopped)
+    assert all(shard.controllers is None for shard in trainer.shards)
+    parents, trainer = search.survivors, Heirs(3)
     robots = search.ask()
-    run_generations(run, search, teacher, teacher.stopped)
+    run_generations(run, search, trainer, trainer.stopped)
     fresh = initial_controllers(robots.morphologies(config.lattice), config.scene, robots.seeds.tolist())
     heirs = 0
-    for shard in teacher.shards:
+    for shard in trainer.shards:
         for i, body, start in zip(shard.index, shard.bodies, shard.controllers, strict=True):
             one, other = robots.parents[i]
             if one != other:
@@ -92,10 +92,10 @@ def test_a_run_with_heirs_goes_on_with_the_same_bytes(tmp_path, optimiser):
     scene = Scene.preset("paper").replace(steps=30, window=10).to_json()
     config = changed(inherit=True, scene=scene, training=Training(optimiser, 0.2).to_json(), generations=2)
     whole = RunFolder.create(tmp_path / "whole", config)
-    run_generations(whole, whole.restore(), LocalTeacher())
+    run_generations(whole, whole.restore(), LocalTrainer())
     parts = RunFolder.create(tmp_path / "parts", config)
     while not (search := parts.restore()).finished:
-        run_generations(parts, search, LocalTeacher(), iter([False, True]).__next__)
+        run_generations(parts, search, LocalTrainer(), iter([False, True]).__next__)
     assert contents(parts.path) == contents(whole.path)
 
 
@@ -150,7 +150,7 @@ def test_the_second_stage_is_the_built_scene():
 
 def test_a_second_stage_with_many_motors_is_refused():
     for most in (None, 4):
-        with raises(InputError, "evolution.inconsistent", "Evolution.max_active"):
+        with raises(InputError, "evolution.inconsistent", "EvolutionConfig.max_active"):
             changed(second_stage=True, max_active=most)
 
 
@@ -158,4 +158,4 @@ def test_old_runs_lack_the_options():
     values = SMALL.to_json()
     for name in ("buildable", "second_stage", "inherit"):
         del values[name]
-    assert Evolution.from_json(values).to_json() == SMALL.to_json()
+    assert EvolutionConfig.from_json(values).to_json() == SMALL.to_json()

@@ -7,7 +7,7 @@ import pytest
 
 from eldir.errors import InputError
 from eldir.evolution.run_folder import RunFolder
-from eldir.evolution.search import Evolution
+from eldir.evolution.search import EvolutionConfig
 from eldir.scene import TRAINING_FIELDS, Scene
 from eldir.training.configuration import Training
 from eldir.training.randomisation import Randomisation
@@ -24,7 +24,7 @@ def test_defaults_are_the_papers_and_those_of_the_preset():
     assert Training.of(Scene.preset("released-rss")) == Training()
     released = Scene.preset("released-main").replace(steps=10)
     assert Training.of(released) == Training(jump_threshold=1.0)
-    assert Evolution(scene=released).training.jump_threshold == 1.0
+    assert EvolutionConfig(scene=released).training.jump_threshold == 1.0
 
 
 @pytest.mark.parametrize(
@@ -54,10 +54,10 @@ def test_a_run_of_an_older_version_means_the_same():
     assert config.randomisation == Randomisation.unfilmed()
     assert config.scene == Scene()
     jsonschema.validate(values | {"config": config.to_json()}, SCHEMA)
-    assert Evolution.from_json(config.to_json()) == config
+    assert EvolutionConfig.from_json(config.to_json()) == config
     older = values["config"] | {"scene": dict(values["config"]["scene"]) | {"jump_threshold": 0.3}}
     for name in ("optimiser", "window"):  # fields that files from before lack
         del older["scene"][name]
     del older["doubt"]
-    config = Evolution.from_json(older)
+    config = EvolutionConfig.from_json(older)
     assert config.training == Training("steps", 2.0, 0.3) and config.randomisation is None

@@ -8,10 +8,9 @@ from eldir.learning import learn, learning_paths
 from eldir.physics import Physics
 from eldir.rollout import simulate
 from eldir.scene import Scene
-from eldir.training.configuration import Training
+from eldir.training.configuration import Adam, FixedLength, Training
 from eldir.training.initial import initial_controllers
-from eldir.training.loop import descend, in_kernel, teach
-from eldir.training.rules import Adam, FixedLength
+from eldir.training.loop import descend, in_kernel, train
 from tests.eldir.engine.random_robots import SMALL, robots
 from tests.raised import raises
 
@@ -47,7 +46,7 @@ def test_the_fast_path_is_the_loop(precision, within, updates, contact):
     assert fast.status.tolist() == loop.status.tolist() == [-1] * 4
     for a, b in zip(fast.controllers, loop.controllers, strict=True):
         assert np.abs(a.flat - b.flat).max() < 10 * within
-    chosen = teach(bodies, brains, owns, scene, STEPS, updates)
+    chosen = train(bodies, brains, owns, scene, STEPS, updates)
     assert chosen.losses.tobytes() == fast.losses.tobytes()
 
 

@@ -10,9 +10,9 @@ import pytest
 from eldir.built.samples import IdentifiedRobots
 from eldir.built.scene import BuiltScene
 from eldir.errors import InputError
-from eldir.evolution.loop import LocalTeacher, run_generations
+from eldir.evolution.loop import LocalTrainer, run_generations
 from eldir.evolution.run_folder import RunFolder
-from eldir.evolution.search import Evolution, Search
+from eldir.evolution.search import EvolutionConfig, Search
 from eldir.lattice import Lattice
 from eldir.learning import initial_controllers, learn
 from eldir.parameters.robot import RobotParameters
@@ -62,8 +62,8 @@ def test_the_same_bytes_in_any_company_and_on_any_threads(monkeypatch: pytest.Mo
     found = []
     for threads, chosen in ((1, [0, 1, 2, 3]), (3, [2, 0])):
         monkeypatch.setenv("ELDIR_THREADS", str(threads))
-        taught = learn([bodies[i] for i in chosen], SCENE, 2, chosen, randomisation=Randomisation.unfilmed())
-        found.append({i: (taught.losses[k].tobytes(), taught.controllers[k]) for k, i in enumerate(chosen)})
+        trained = learn([bodies[i] for i in chosen], SCENE, 2, chosen, randomisation=Randomisation.unfilmed())
+        found.append({i: (trained.losses[k].tobytes(), trained.controllers[k]) for k, i in enumerate(chosen)})
     assert found[1] == {i: found[0][i] for i in (2, 0)}
     assert found[0][0][0] != found[0][1][0]
 
@@ -104,7 +104,7 @@ def test_draws_are_as_the_scene_says() -> None:
 
 
 def test_a_run_keeps_its_randomisation(tmp_path: Path) -> None:
-    config = Evolution(
+    config = EvolutionConfig(
         Lattice(3, 6), 3, 1, iterations=2, seed=1, scene=SCENE, randomisation=Randomisation.unfilmed()
     )
     found = []
@@ -113,17 +113,17 @@ def test_a_run_keeps_its_randomisation(tmp_path: Path) -> None:
         run = RunFolder.open(tmp_path / name)
         assert run.config == config
         search = Search(run.config)
-        run_generations(run, search, LocalTeacher())
+        run_generations(run, search, LocalTrainer())
         assert search.survivors is not None
         found.append(search.survivors.losses.tobytes())
     plain = Search(replace(config, randomisation=None))
     RunFolder.create(tmp_path / "c", plain.config)
-    run_generations(RunFolder.open(tmp_path / "c"), plain, LocalTeacher())
+    run_generations(RunFolder.open(tmp_path / "c"), plain, LocalTrainer())
     assert plain.survivors is not None
     assert found[0] == found[1] != plain.survivors.losses.tobytes()
     values = json.loads((tmp_path / "a" / "run.json").read_text())
     del values["config"]["randomisation"]
-    assert Evolution.from_json(values["config"]).randomisation is None
+    assert EvolutionConfig.from_json(values["config"]).randomisation is None
 
 
 def test_physics_are_either_given_or_drawn() -> None:

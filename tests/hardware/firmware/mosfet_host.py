@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 
 from hypothesis import strategies as st
 
-from hardware.firmware.channel_limits import POWER_UP, ChannelLimits
-from hardware.firmware.protocol import Conversation
+from eldir_hardware.firmware.channel_limits import POWER_UP, ChannelLimits
+from eldir_hardware.firmware.protocol import Conversation
 
 WRAP = 1 << 30
 CHANNELS, LONGEST_MS, DUTY, HEARTBEAT_MS, STEADY = 3, 2000, 40, 400, (3,)

@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings
 
-from hardware.firmware import limits
-from hardware.firmware.channel_limits import elapsed_ms
-from hardware.firmware.modulation import Modulation
-from hardware.firmware.protocol import LONGEST, crc16
+from eldir_hardware.firmware import limits
+from eldir_hardware.firmware.channel_limits import elapsed_ms
+from eldir_hardware.firmware.modulation import Modulation
+from eldir_hardware.firmware.protocol import LONGEST, crc16
 from tests.hardware.firmware.micropython import micropython
 from tests.hardware.firmware.mosfet_host import (
     ACTIONS,
@@ -32,7 +32,7 @@ from tests.hardware.firmware.mosfet_host import (
 )
 from tests.paths import ROOT
 
-FIRMWARE = ROOT / "hardware" / "firmware"
+FIRMWARE = ROOT / "hardware" / "eldir_hardware" / "firmware"
 
 
 def heating(power: int = 100, channel: int = 1, ms: int = 0) -> Board:

@@ -15,14 +15,14 @@ from typing import NamedTuple
 
 import pytest
 
-from hardware.clock import WallClock
-from hardware.relay.errors import ContactError, SilentBoardError
-from hardware.relay.mosfet import MosfetBoard
+from eldir_hardware.clock import WallClock
+from eldir_hardware.relay.errors import ContactError, SilentBoardError
+from eldir_hardware.relay.mosfet import MosfetBoard
 from tests.hardware.emulated_rigs import wait
 from tests.hardware.firmware.micropython import cross_compiler, micropython
 from tests.paths import ROOT
 
-FIRMWARE = ROOT / "hardware" / "firmware"
+FIRMWARE = ROOT / "hardware" / "eldir_hardware" / "firmware"
 CHIP = """
 import os
 import sys

@@ -13,12 +13,12 @@ from pathlib import Path
 
 import pytest
 
-from hardware.clock import WallClock
-from hardware.sensor.driver import CurrentSensor
-from hardware.sensor.errors import SensorError
+from eldir_hardware.clock import WallClock
+from eldir_hardware.sensor.driver import CurrentSensor
+from eldir_hardware.sensor.errors import SensorError
 from tests.paths import ROOT
 
-FIRMWARE = ROOT / "hardware" / "firmware"
+FIRMWARE = ROOT / "hardware" / "eldir_hardware" / "firmware"
 MACHINE = """
 class Pin:
     def __init__(self, number):

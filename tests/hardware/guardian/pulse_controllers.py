@@ -3,10 +3,10 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from hardware.guardian.bank import Report
-from hardware.guardian.pulse_controller import PulseController
-from hardware.rig.configuration import Rig
-from hardware.virtual.rig import VirtualRig
+from eldir_hardware.guardian.bank import Report
+from eldir_hardware.guardian.pulse_controller import PulseController
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.virtual.rig import VirtualRig
 from tests.hardware.rigs_and_schedules import rig_with
 from tests.hardware.virtual.piston_and_observer import Piston
 
@@ -15,7 +15,7 @@ FAN = {"fan": {"interlocked": True, "channel": 5}}
 
 def rig_of(kind: str = "lcus", cutoff: dict | None = None, **changes: object) -> Rig:
     """A rig with room for a fan or a contactor on channel 5."""
-    board = {"kind": kind, "channels": 5} | ({"second_flash": "restarts"} if kind == "modbus" else {})
+    board = {"kind": kind, "channels": 5} | ({"retriggerable": True} if kind == "modbus" else {})
     values = rig_with(board=board).model_dump() | changes
     return Rig.from_json(values | ({"cutoff": cutoff} if cutoff else {}))
 

@@ -6,15 +6,15 @@ from typing import NamedTuple
 import numpy as np
 
 from eldir.errors import EldirError
-from hardware.guardian.pulse_controller import PulseController
-from hardware.safety.limits import STEP
-from hardware.virtual.rig import VirtualRig
+from eldir_hardware.guardian.pulse_controller import PulseController
+from eldir_hardware.safety.limits import STEP
+from eldir_hardware.virtual.rig import VirtualRig
 from tests.hardware.rigs_and_schedules import rig_with
 from tests.hardware.virtual.piston_and_observer import Piston
 
 KINDS = (
     {"kind": "lcus"},
-    {"kind": "modbus", "second_flash": "restarts"},
+    {"kind": "modbus", "retriggerable": True},
     {"kind": "numato"},
     {"kind": "mosfet"},
 )
@@ -38,8 +38,8 @@ def play_random_train(seed: int) -> Train:
     longest, rest, budget = rng.uniform(0.5, 6.0), rng.uniform(0.3, 8.0), 4.0 * rng.integers(1, 5)
     rig = rig_with(
         board=KINDS[int(rng.integers(len(KINDS)))],
-        limits={"longest_on_s": float(longest), "least_off_s": float(rest)},
-        supply={"budget_a": float(budget)},
+        limits={"max_on_s": float(longest), "min_off_s": float(rest)},
+        supply={"max_total_current_a": float(budget)},
     )
     ended = "played"
     with VirtualRig(rig, Piston()) as virtual:
@@ -51,9 +51,9 @@ def play_random_train(seed: int) -> Train:
                     at = virtual.clock.now() + float(rng.uniform(0.05, 1.0))
                     chosen = rng.choice([1, 2, 3, 4], size=int(rng.integers(1, 4)), replace=False)
                     bank.heat(at, {int(c): float(rng.uniform(0.05, 1.05 * longest)) for c in chosen})
-                    bank.rest_until(at + float(rng.uniform(0.8, 1.5) * (longest + rest)), lambda report: None)
+                    bank.wait_until(at + float(rng.uniform(0.8, 1.5) * (longest + rest)), lambda report: None)
                     if rng.random() < 0.1:
-                        bank.cut()
+                        bank.abort_pulses()
                 until = virtual.clock.now() + 2.0
                 while silent and virtual.clock.now() < until:
                     virtual.clock.sleep_until(min(bank.step(), virtual.clock.now() + 0.1))

@@ -8,13 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eldir.built.heat import HeatModel, SpringState
-from hardware.guardian.forecast import HORIZON, MOST, Forecast, Heating
-from hardware.guardian.interlock import Interlock
-from hardware.guardian.pulse_controller import PulseController
-from hardware.rig.configuration import Rig
-from hardware.rig.supply import worst_springs
-from hardware.safety.limits import STEP, LimitError
-from hardware.virtual.rig import VirtualRig
+from eldir_hardware.guardian.forecast import HORIZON, MOST, Forecast, Heating
+from eldir_hardware.guardian.interlock import Interlock
+from eldir_hardware.guardian.pulse_controller import PulseController
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.rig.supply import worst_springs
+from eldir_hardware.safety.limits import STEP, LimitError
+from eldir_hardware.virtual.rig import VirtualRig
 from tests.hardware.rigs_and_schedules import rig_with
 from tests.hardware.virtual.piston_and_observer import Piston
 from tests.processor_time import in_units
@@ -75,7 +75,9 @@ def test_pulses_that_add_up_are_refused_together_as_one_by_one():
     """6 s every 14 s: the temperature climbs; and with a duty of 0.2, at most 12 s in a minute."""
     hot = train(6.0, 14.0, 4)
     little = rig_with(supply={"current_limit_a": 3.0}, limits={"duty": 0.2})
-    rig = rig_with(supply={"current_limit_a": 3.55}, cutoff={"longest_on_s": 6.1}, limits={"ceiling_c": 88.5})
+    rig = rig_with(
+        supply={"current_limit_a": 3.55}, cutoff={"max_on_s": 6.1}, limits={"max_temperature_c": 88.5}
+    )
     assert 1 <= taken_together(rig, hot) <= taken_one_by_one(rig, hot) < 4
     assert taken_together(little, hot) == taken_one_by_one(little, hot) == 2
     wide = rig_with(supply={"current_limit_a": 3.0})
@@ -91,7 +93,7 @@ def test_the_controller_looks_at_all_that_it_has_accepted():
             bank.armed(),
         ):
             bank.heat(1.0, {1: 6.0})
-            bank.rest_until(3.0, ignore)
+            bank.wait_until(3.0, ignore)
             assert virtual.emulator.contacts[0]
             bank.heat(20.0, {1: 6.0})
             bank.heat(40.0, {1: 1.0})
@@ -128,7 +130,7 @@ def test_the_controller_looks_at_all_that_it_has_accepted():
 )
 def test_what_is_announced_counts(heating, at, lengths, code, found):
     """Rest before and after, current at each instant, number and distance of pulses."""
-    rig = rig_with(supply={"budget_a": 11})
+    rig = rig_with(supply={"max_total_current_a": 11})
     interlock = Interlock(rig, 0.0)
     if code is None:
         return interlock.allow(at, lengths, heating)
@@ -147,11 +149,11 @@ PULSES = st.lists(
 )
 def test_together_is_refused_whatever_is_refused_one_by_one(found, duty, current, rest):
     pulses = [Heating(LEAD + t / 10, c, LEAD + (t + on) / 10) for t, c, on in sorted(found)]
-    limits = {"duty": duty, "least_off_s": rest}
-    changes = {"supply": {"current_limit_a": current}, "cutoff": {"longest_on_s": 6.05}, "limits": limits}
+    limits = {"duty": duty, "min_off_s": rest}
+    changes = {"supply": {"current_limit_a": current}, "cutoff": {"max_on_s": 6.05}, "limits": limits}
     one_by_one = taken_one_by_one(rig_with(**changes), pulses)
     # A little less: the forecast takes long steps.
-    together = taken_together(rig_with(**changes | {"limits": limits | {"ceiling_c": 89.9}}), pulses)
+    together = taken_together(rig_with(**changes | {"limits": limits | {"max_temperature_c": 89.9}}), pulses)
     assert together <= one_by_one
 
 

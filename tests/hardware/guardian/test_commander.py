@@ -1,7 +1,7 @@
 """Who may heat, and which contacts switched: what a node decides by the toolkit's values."""
 
-from hardware.guardian.commander import PATIENCE, Commander
-from hardware.run.contact_edges import ContactEdge, ContactEdges
+from eldir_hardware.guardian.commander import PATIENCE, Commander
+from eldir_hardware.run.contact_edges import ContactEdge, ContactEdges
 
 
 def test_one_run_heats_at_a_time():

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from eldir.built.heat import HeatModel, SpringState
-from hardware.guardian.forecast import Forecast, Heating, together
-from hardware.rig.configuration import Rig
-from hardware.rig.supply import shares, worst_springs
+from eldir_hardware.guardian.forecast import Forecast, Heating, together
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.rig.supply import shares, worst_springs
 from tests.hardware.guardian.pulse_controllers import rig_of
 from tests.hardware.rigs_and_schedules import rig_with
 
@@ -44,7 +44,7 @@ def test_its_steps_are_short_enough(rest):
 @pytest.mark.parametrize("begin", [0.0, 1.0], ids=["at once", "ahead"])
 @pytest.mark.parametrize("on", [0.33, 2.47, 6.3])
 def test_a_contact_that_stays_closed_is_forecast_to_the_end_of_its_timer(on, begin):
-    rig = with_cutoff({"kind": "timer", "longest_on_s": on})
+    rig = with_cutoff({"kind": "timer", "max_on_s": on})
     found = Forecast(rig).peak(0.0, cold(rig), [Heating(begin, 1, begin + 0.1)])
     expected = peak(rig, on + 1.0, (0.0, on))
     print(f"{on:g} s: {found - expected:+.3f} K")
@@ -53,7 +53,7 @@ def test_a_contact_that_stays_closed_is_forecast_to_the_end_of_its_timer(on, beg
 
 def test_springs_on_one_output_are_forecast_with_the_share_of_the_worst_one():
     """One that draws more than the others within the tolerance gets more than its part."""
-    supply = {"outputs": "shared", "current_limit_a": 4.0, "budget_a": 4.2}
+    supply = {"outputs": "shared", "current_limit_a": 4.0, "max_total_current_a": 4.2}
     values = rig_with(supply=supply, springs={"resistance_tolerance": 0.3}).model_dump()
     rig = Rig.from_json(values | {"cutoff": {"kind": "thermal", "opens_at_c": 85.0}})
     worst = worst_springs(rig)
@@ -73,7 +73,7 @@ def test_what_is_hot_already_counts_though_it_only_cools():
 
 
 def test_the_timer_of_a_closed_contact_has_run_since_it_closed():
-    rig = with_cutoff({"kind": "timer", "longest_on_s": 6.3})
+    rig = with_cutoff({"kind": "timer", "max_on_s": 6.3})
     found = Forecast(rig).peak(10.0, cold(rig), [Heating(8.0, 2, 10.1)])
     assert found == pytest.approx(peak(rig, 5.0, (0.0, 4.3)), abs=0.1)
 
@@ -81,7 +81,7 @@ def test_the_timer_of_a_closed_contact_has_run_since_it_closed():
 @pytest.mark.parametrize("now", [6.3, 8.0])
 def test_a_timer_that_has_run_out_already_heats_no_more(now):
     """By its own pulse, which the model goes on with, it still does."""
-    rig = with_cutoff({"kind": "timer", "longest_on_s": 6.3})
+    rig = with_cutoff({"kind": "timer", "max_on_s": 6.3})
     found = Forecast(rig).peak(now, cold(rig), [Heating(0.0, 1, now + 0.5)])
     assert found == pytest.approx(peak(rig, 1.0, (0.0, 0.5 + STEP)), abs=0.1)
 
@@ -95,7 +95,7 @@ def test_a_contact_welded_behind_a_contactor_is_forecast_to_heat_with_each_of_th
 
 
 def test_of_several_contacts_the_one_with_the_most_time_left_counts():
-    rig = with_cutoff({"kind": "timer", "longest_on_s": 6.3})
+    rig = with_cutoff({"kind": "timer", "max_on_s": 6.3})
     pulses = [Heating(4.0, 1, 10.1), Heating(10.0, 2, 10.1)]
     assert Forecast(rig).peak(10.0, cold(rig), pulses) == pytest.approx(peak(rig, 7.0, (0.0, 6.3)), abs=0.1)
 

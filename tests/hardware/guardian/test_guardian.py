@@ -8,12 +8,12 @@ from pathlib import Path
 import pytest
 
 from eldir.errors import EldirError
-from hardware.guardian.client import Guardian
-from hardware.rig.configuration import Rig
-from hardware.rig.supply import LimitError
-from hardware.safety.latch import LatchedError, latch, stop_of
-from hardware.safety.spring_memory import remembered
-from hardware.safety.stop_signals import StoppedError
+from eldir_hardware.guardian.client import Guardian
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.rig.supply import LimitError
+from eldir_hardware.safety.latch import LatchedError, latch, stop_of
+from eldir_hardware.safety.spring_memory import remembered
+from eldir_hardware.safety.stop_signals import StoppedError
 from tests.hardware.emulated_rigs import emulated, heating_program, rig_file, run, wait
 from tests.raised import raises
 
@@ -49,7 +49,7 @@ def test_pulses_reports_and_a_good_end(bench):
     with Guardian(Rig.load(path)) as bank, bank.armed():
         start = time.monotonic() + 0.4
         bank.heat(start, {1: 0.6, 4: 0.4})
-        bank.rest_until(start + 1.0, seen.append)
+        bank.wait_until(start + 1.0, seen.append)
     assert [(e.channel, e.closed) for e in sorted(board.edges)] == [
         (1, True),
         (4, True),
@@ -158,7 +158,7 @@ def test_what_the_guardian_refuses(tmp_path, pulses, code):
             now = time.monotonic()
             for after, lengths in pulses:
                 bank.heat(now + after, lengths)
-            bank.rest_until(now + 1.0, lambda report: None)
+            bank.wait_until(now + 1.0, lambda report: None)
         assert not any(board.contacts) and stop_of(board.port) is not None
 
 
@@ -177,7 +177,7 @@ def test_an_error_of_the_program_is_a_stop(bench):
     board, path = bench
     with Guardian(Rig.load(path)) as bank, pytest.raises(StoppedError), bank.armed():
         bank.heat(time.monotonic() + 0.3, {1: 2.0})
-        bank.rest_until(time.monotonic() + 0.6, lambda report: None)
+        bank.wait_until(time.monotonic() + 0.6, lambda report: None)
         raise StoppedError("someone pressed a key")
     assert not any(board.contacts) and "pressed a key" in (stop_of(board.port) or "")
 
@@ -208,10 +208,10 @@ def test_after_unplugging_the_true_cause_is_told(times, tmp_path, monkeypatch):
                 with Guardian(rig) as bank, bank.armed():
                     bank.heat(time.monotonic() + 0.3, {1: 5.0, 3: 5.0})
                     unplugged = time.monotonic() + 0.5 + 0.13 * (number % 5)
-                    bank.rest_until(unplugged, lambda report: None)
+                    bank.wait_until(unplugged, lambda report: None)
                     link.unlink()
                     board.unplug()
-                    bank.rest_until(unplugged + 5.0, lambda report: None)
+                    bank.wait_until(unplugged + 5.0, lambda report: None)
             except EldirError as error:
                 told = str(error)
             assert f"the port {board.port} was lost" in told and "died" not in told

@@ -11,18 +11,18 @@ from types import SimpleNamespace
 import pytest
 
 from eldir.errors import EldirError, InputError
-from hardware.guardian import client
-from hardware.guardian.bank import Report
-from hardware.guardian.client import Guardian
-from hardware.guardian.isolation import clean_environment, guardian_command
-from hardware.guardian.measured_heat import CurrentFlowsError
-from hardware.guardian.wire import Wire
-from hardware.relay.errors import ContactError, NotProvenOffError, PortError
-from hardware.relay.off_frames import off_frames
-from hardware.rig.board_identity import identify
-from hardware.rig.supply import LimitError
-from hardware.safety.latch import latch, record_of, stop_of
-from hardware.safety.stop_signals import StoppedError
+from eldir_hardware.guardian import client
+from eldir_hardware.guardian.bank import Report
+from eldir_hardware.guardian.client import Guardian
+from eldir_hardware.guardian.isolation import clean_environment, guardian_command
+from eldir_hardware.guardian.measured_heat import CurrentFlowsError
+from eldir_hardware.guardian.wire import Wire
+from eldir_hardware.relay.errors import ContactError, NotProvenOffError, PortError
+from eldir_hardware.relay.off_frames import off_frames
+from eldir_hardware.rig.board_identity import identify
+from eldir_hardware.rig.supply import LimitError
+from eldir_hardware.safety.latch import latch, record_of, stop_of
+from eldir_hardware.safety.stop_signals import StoppedError
 from tests.hardware.rigs_and_schedules import rig_with
 from tests.raised import raises
 
@@ -286,8 +286,8 @@ def test_an_end_that_the_process_does_not_reach(desk):
 def test_orders(desk):
     guardian, child = armed()
     guardian.heat(1.5, {1: 2.0})
-    guardian.cut()
-    assert child.heard() == [{"do": "heat", "at": 1.5, "for": {"1": 2.0}}, {"do": "cut"}]
+    guardian.abort_pulses()
+    assert child.heard() == [{"do": "heat", "at": 1.5, "for": {"1": 2.0}}, {"do": "abort_pulses"}]
     child.wire.send(**{"is": "off"})
     guardian.disarm()
     assert child.heard() == [{"do": "disarm"}]
@@ -309,11 +309,11 @@ def test_a_beat_passes_reports_and_refusals(desk):
 def test_resting_beats_ten_times_a_second(desk):
     guardian, child = armed()
     child.wire.send(**{"is": "alive"})
-    guardian.rest_until(desk.time.now + 0.45, ignore)
+    guardian.wait_until(desk.time.now + 0.45, ignore)
     assert desk.time.now == pytest.approx(1000.45)
     assert desk.time.waits == [pytest.approx(0.1)] * 4 + [pytest.approx(0.05)]
     assert child.heard() == [{"do": "beat"}] * 6
-    guardian.rest_until(desk.time.now, ignore)
+    guardian.wait_until(desk.time.now, ignore)
     assert len(desk.time.waits) == 5, "the instant itself is not waited for"
 
 
@@ -388,7 +388,7 @@ def test_a_signal_while_the_contacts_are_opened_from_here(desk, interrupt):
 
 @contextmanager
 def guardian_armed_already(guardian: Guardian):
-    """`Bank.armed` without arming again."""
+    """`HeaterBank.armed` without arming again."""
     guardian.arm = lambda: None
     with guardian.armed():
         yield
@@ -406,7 +406,7 @@ def test_a_killed_guardian_that_the_kernel_holds(desk):
     guardian.arm()
     child.hangs = True
     with pytest.raises(NotProvenOffError, match=r"process does not end.*; cut the heating supply now"):
-        guardian.rest_until(desk.time.now + 5, ignore)
+        guardian.wait_until(desk.time.now + 5, ignore)
     assert child.done == ["kill", ("wait", 2.0)] and desk.opens == []
     assert os.read(ours, 1000) == off_frames(RIG.board.kind, RIG.board.channels)
     assert guardian.proof is None
@@ -418,7 +418,7 @@ def test_a_guardian_that_hangs(desk):
     """Its process is killed, and the contacts are opened from here."""
     guardian, child = armed()
     with raises(EldirError, "guardian.gone", match=r"hung; all contacts are open by the board's report$"):
-        guardian.rest_until(desk.time.now + 5, ignore)
+        guardian.wait_until(desk.time.now + 5, ignore)
     assert 1000.6 < desk.time.now < 1000.75
     assert child.done == ["kill", ("wait", 2.0)]
     assert desk.opens == [PORT, "off", ("sensor", None)]
@@ -432,7 +432,7 @@ def test_a_guardian_that_answers_late_but_in_time(desk):
     guardian, child = armed()
     for t in (0.55, 1.1, 1.6):
         desk.time.at[1000 + t] = lambda: child.wire.send(**{"is": "alive"})
-    guardian.rest_until(desk.time.now + 2.0, ignore)
+    guardian.wait_until(desk.time.now + 2.0, ignore)
     assert child.done == []
 
 
@@ -443,7 +443,7 @@ def test_a_guardian_that_opens_the_contacts_may_take_longer(desk):
     guardian.disarm()
     assert child.done == [] and desk.time.now >= 1005
     desk.time.now += 100
-    guardian.rest_until(desk.time.now + 5, ignore)  # nothing heats: nobody needs to answer
+    guardian.wait_until(desk.time.now + 5, ignore)  # nothing heats: nobody needs to answer
     assert child.done == []
 
 
@@ -458,7 +458,7 @@ def test_a_guardian_that_hangs_while_it_opens_the_contacts(desk):
     guardian, child = armed()
     desk.time.at[1000.5] = lambda: child.wire.send(**{"is": "opening"})
     with raises(EldirError, "guardian.gone", match="hung"):
-        guardian.rest_until(desk.time.now + 60, ignore)
+        guardian.wait_until(desk.time.now + 60, ignore)
     assert 1010.9 < desk.time.now < 1011.3
 
 

@@ -5,13 +5,13 @@ import socket
 import pytest
 
 from eldir.errors import EldirError
-from hardware.guardian.bank import Bank
-from hardware.guardian.wire import Wire
-from hardware.relay.errors import ContactError, NotProvenOffError
-from hardware.safety.stop_signals import StoppedError
+from eldir_hardware.guardian.bank import HeaterBank
+from eldir_hardware.guardian.wire import Wire
+from eldir_hardware.relay.errors import ContactError, NotProvenOffError
+from eldir_hardware.safety.stop_signals import StoppedError
 
 
-class Noting(Bank):
+class Noting(HeaterBank):
     """A bank that notes what it is told."""
 
     def __init__(self, failing: BaseException | None = None) -> None:
@@ -26,10 +26,10 @@ class Noting(Bank):
     def heat(self, at, lengths) -> None:
         self.told.append("heat")
 
-    def cut(self) -> None:
+    def abort_pulses(self) -> None:
         self.told.append("cut")
 
-    def rest_until(self, t, see) -> None:
+    def wait_until(self, t, see) -> None:
         self.told.append("rest")
 
     def disarm(self) -> None:

@@ -10,14 +10,14 @@ from pathlib import Path
 import pytest
 
 from eldir.errors import EldirError
-from hardware.clock import WallClock
-from hardware.emulator.board import EmulatedBoard
-from hardware.guardian.client import Guardian
-from hardware.relay.errors import NotProvenOffError, RelayError
-from hardware.rig.boards import emulator_of
-from hardware.rig.configuration import Rig
-from hardware.rig.supply import LimitError
-from hardware.safety.latch import LatchedError, require_unlatched
+from eldir_hardware.clock import WallClock
+from eldir_hardware.emulator.board import EmulatedBoard
+from eldir_hardware.guardian.client import Guardian
+from eldir_hardware.relay.errors import NotProvenOffError, RelayError
+from eldir_hardware.rig.boards import emulator_of
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.rig.supply import LimitError
+from eldir_hardware.safety.latch import LatchedError, require_unlatched
 from tests.hardware.emulated_rigs import rig_file, run, wait
 from tests.raised import raises
 
@@ -46,7 +46,7 @@ def heat(bank: Guardian, board: EmulatedBoard) -> None:
     deadline = time.monotonic() + 10.0
     while not board.contacts[0]:
         assert time.monotonic() < deadline
-        bank.rest_until(time.monotonic() + 0.05, ignore)
+        bank.wait_until(time.monotonic() + 0.05, ignore)
 
 
 def latched(rig: Rig, why: str) -> None:
@@ -61,7 +61,7 @@ def test_signals_that_stop_the_guardian(tmp_path, number):
         with Guardian(rig) as bank, pytest.raises(EldirError, match=f"stopped by {number.name}"):
             heat(bank, board)
             os.kill(bank.process, number)
-            bank.rest_until(time.monotonic() + 5.0, ignore)
+            bank.wait_until(time.monotonic() + 5.0, ignore)
         assert not any(board.contacts)
         latched(rig, f"stopped by {number.name}")
 
@@ -73,7 +73,7 @@ def test_ctrl_c_is_for_the_program(tmp_path):
         loaded = Path(f"/proc/{bank.process}/maps").read_text()
         assert "numpy" in loaded and "_yaml" not in loaded, "it starts sooner without YAML"
         os.kill(bank.process, signal.SIGINT)
-        bank.rest_until(time.monotonic() + 0.5, ignore)
+        bank.wait_until(time.monotonic() + 0.5, ignore)
         assert board.contacts[0]
         bank.disarm()
 
@@ -86,7 +86,7 @@ def test_after_both_slept_the_program_that_wakes_first_does_not_blame_the_guardi
         with pytest.raises(EldirError, match=r"stood still|nothing was heard"):
             bank.beat(ignore)
             os.kill(bank.process, signal.SIGCONT)
-            bank.rest_until(time.monotonic() + 5.0, ignore)
+            bank.wait_until(time.monotonic() + 5.0, ignore)
         assert not any(board.contacts)
 
 
@@ -110,7 +110,7 @@ def test_a_stop_that_the_board_does_not_confirm(tmp_path, order):
             board.faults.silent = True
             if order == "stop":
                 bank.stop("a key")
-            bank.rest_until(time.monotonic() + 5.0, ignore)
+            bank.wait_until(time.monotonic() + 5.0, ignore)
         board.faults.silent = False
         latched(rig, "not proven that everything is off")
 
@@ -136,7 +136,7 @@ def test_a_guardian_that_dies_where_its_board_is_silent(tmp_path):
             heat(bank, board)
             board.faults.silent = True
             os.kill(bank.process, signal.SIGKILL)
-            bank.rest_until(time.monotonic() + 5.0, ignore)
+            bank.wait_until(time.monotonic() + 5.0, ignore)
         assert wait(lambda: not any(board.contacts)), "opened all the same"
         board.faults.silent = False
         latched(rig, "the guardian died")
@@ -158,7 +158,7 @@ def test_a_guardian_that_never_armed_latches_nothing(tmp_path):
         with Guardian(rig) as bank:
             os.kill(bank.process, signal.SIGTERM)
             with pytest.raises(EldirError):
-                bank.rest_until(time.monotonic() + 5.0, ignore)
+                bank.wait_until(time.monotonic() + 5.0, ignore)
         with Guardian(rig) as bank:
             bank.arm()
             bank.disarm()
@@ -172,8 +172,8 @@ def test_orders_that_open_without_a_stop(tmp_path, how):
         with Guardian(rig) as bank:
             heat(bank, board)
             if how == "cut":
-                bank.cut()
-                bank.rest_until(time.monotonic() + 0.5, ignore)
+                bank.abort_pulses()
+                bank.wait_until(time.monotonic() + 0.5, ignore)
                 assert not any(board.contacts)
             if how != "end":
                 bank.disarm()
@@ -189,7 +189,7 @@ def test_a_pulse_that_is_refused_is_told_to_the_program(tmp_path):
         heat(bank, board)
         bank.heat(time.monotonic() + 1.0, {7: 1.0})
         with raises(LimitError, "limit.other-wiring", match="channel 7"):
-            bank.rest_until(time.monotonic() + 2.0, ignore)
+            bank.wait_until(time.monotonic() + 2.0, ignore)
         bank.disarm()
 
 
@@ -209,5 +209,5 @@ def test_off_ends_a_guardian_that_hangs(tmp_path):
             assert result.exit_code == 0, result.output
             assert not any(board.contacts)
             with pytest.raises(EldirError):
-                bank.rest_until(time.monotonic() + 3.0, ignore)
+                bank.wait_until(time.monotonic() + 3.0, ignore)
         latched(rig, "is stopped")

@@ -15,15 +15,15 @@ from types import SimpleNamespace
 import pytest
 
 from eldir.errors import EldirError
-from hardware.guardian import process
-from hardware.guardian.bank import Report
-from hardware.guardian.measured_heat import CurrentFlowsError
-from hardware.guardian.pulse_controller import HeartbeatError
-from hardware.guardian.wire import Wire
-from hardware.relay.errors import ContactError, NotProvenOffError
-from hardware.rig.board_identity import BoardIdentity
-from hardware.rig.supply import LimitError
-from hardware.safety.latch import (
+from eldir_hardware.guardian import process
+from eldir_hardware.guardian.bank import Report
+from eldir_hardware.guardian.measured_heat import CurrentFlowsError
+from eldir_hardware.guardian.pulse_controller import HeartbeatError
+from eldir_hardware.guardian.wire import Wire
+from eldir_hardware.relay.errors import ContactError, NotProvenOffError
+from eldir_hardware.rig.board_identity import BoardIdentity
+from eldir_hardware.rig.supply import LimitError
+from eldir_hardware.safety.latch import (
     DIED,
     LatchedError,
     latch,
@@ -33,8 +33,8 @@ from hardware.safety.latch import (
     stop_of,
     unlatch,
 )
-from hardware.safety.spring_memory import SpringHeat, remember, remembered
-from hardware.safety.stop_signals import StoppedError
+from eldir_hardware.safety.spring_memory import SpringHeat, remember, remembered
+from eldir_hardware.safety.stop_signals import StoppedError
 from tests.hardware.rigs_and_schedules import RIG, rig_with
 from tests.raised import raises
 
@@ -77,7 +77,7 @@ class Noting:
     def beat(self) -> None:
         self._note("beat")
 
-    def agree(self) -> None:
+    def check_limits(self) -> None:
         self.stop_at_driving = stop_of(PORT)
         self._note("agree")
 
@@ -94,7 +94,7 @@ class Noting:
         if at < 0:
             raise LimitError("too early")
 
-    def cut(self) -> None:
+    def abort_pulses(self) -> None:
         self._note("cut")
 
     def disarm(self) -> None:
@@ -157,7 +157,7 @@ def test_a_program_that_has_died(wires):
 
 
 def test_every_message_counts_as_a_heartbeat_and_beats_are_answered(wires):
-    controller = served(wires, {"do": "beat"}, {"do": "cut"})
+    controller = served(wires, {"do": "beat"}, {"do": "abort_pulses"})
     assert controller.told == ["beat", "cut", "disarm"]
     assert told(wires[0]) == [{"is": "alive"}]
 
@@ -250,7 +250,7 @@ def test_a_stop_of_the_program(wires):
 def test_reports_are_passed_on(wires):
     controller = served(wires)
     report = Report(1.0, (True,), (40.0,), 41.0, 0.01)
-    controller.see(report)
+    controller.on_report(report)
     (message,) = told(wires[0])
     assert message["is"] == "report" and tuple(message["report"][:1]) == (1.0,)
 
@@ -342,7 +342,7 @@ def unopened(monkeypatch, controller: Noting, ready=lambda: None):
         patch.setattr(
             process, "identify_open", lambda handle, given: BoardIdentity(names[handle], frozenset(), given)
         )
-        patch.setattr(process, "_hurry", lambda: made.update(hurried=True))
+        patch.setattr(process, "_set_realtime_priority", lambda: made.update(hurried=True))
         yield made
 
 
@@ -500,7 +500,7 @@ def test_before_it_heats_it_collects_garbage_and_asks_for_its_turn(monkeypatch):
         raise PermissionError
 
     monkeypatch.setattr(os, "sched_setscheduler", refused)
-    process._hurry()
+    process._set_realtime_priority()
     first = os.sched_param(1)
     assert done == ["collect", "freeze", (0, os.SCHED_RR | os.SCHED_RESET_ON_FORK, first)]
 

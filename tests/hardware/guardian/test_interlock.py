@@ -2,14 +2,14 @@
 
 import pytest
 
-from hardware.guardian.forecast import Heating
-from hardware.guardian.interlock import Interlock
-from hardware.rig.configuration import Rig
-from hardware.safety.limits import LimitError
+from eldir_hardware.guardian.forecast import Heating
+from eldir_hardware.guardian.interlock import Interlock
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.safety.limits import LimitError
 from tests.hardware.rigs_and_schedules import rig_with
 from tests.raised import raises
 
-WEAK = {"current_limit_a": 1.5, "budget_a": 3.15}
+WEAK = {"current_limit_a": 1.5, "max_total_current_a": 3.15}
 """So little current that no temperature forbids anything; two springs at once, with 5 % more each."""
 
 
@@ -60,7 +60,7 @@ def test_how_long_a_pulse_may_be(seconds, allowed):
 @pytest.mark.parametrize(("longest", "most"), [(6.0, 6.0), (6.3, 6.3), (8.0, 6.3)])
 def test_a_pulse_ends_before_the_cutoff_acts(longest, most):
     """Otherwise the cut-off would open in normal use, and its failure would not be noticed."""
-    watch = Interlock(weak(longest_on_s=longest, duty=1.0), 0.0)
+    watch = Interlock(weak(max_on_s=longest, duty=1.0), 0.0)
     watch.allow(1.0, {1: most})
     with raises(LimitError, "limit.long-pulse", match=f"at most {most:g} s"):
         watch.allow(1.0, {1: most + 0.01})
@@ -141,7 +141,7 @@ def test_a_pulse_that_is_longer_than_the_duty_of_a_minute_is_refused_alone_too()
 
 
 def test_what_heats_now_counts_for_the_duty():
-    watch = Interlock(weak(duty=0.35, least_off_s=0.05), 0.0)
+    watch = Interlock(weak(duty=0.35, min_off_s=0.05), 0.0)
     pulses(watch, 1, (0.0, 6.0), (10.0, 16.0))
     watch.switched({1: True}, 20.0)
     watch.switched({1: True}, 23.0)  # a command that is repeated begins nothing
@@ -204,7 +204,7 @@ def test_a_rig_that_must_not_heat():
 
 
 def test_a_rest_that_is_longer_than_the_minute_of_the_duty():
-    watch = Interlock(weak(least_off_s=100.0), 0.0)
+    watch = Interlock(weak(min_off_s=100.0), 0.0)
     pulses(watch, 1, (9.0, 10.0))
     pulses(watch, 2, (71.0, 72.0))  # what was spent before is forgotten now
     with raises(LimitError, "limit.no-rest", match=r"channel 1 .*found 99\.90 s"):

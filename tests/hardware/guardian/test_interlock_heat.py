@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from eldir.built.heat import HeatModel, SpringState
-from hardware.guardian.interlock import Interlock
-from hardware.rig.configuration import Rig
-from hardware.rig.supply import shares, worst_springs
-from hardware.safety.limits import LimitError
+from eldir_hardware.guardian.interlock import Interlock
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.rig.supply import shares, worst_springs
+from eldir_hardware.safety.limits import LimitError
 from tests.hardware.guardian.pulse_controllers import rig_of
 from tests.hardware.rigs_and_schedules import rig_with
 from tests.raised import raises
@@ -121,7 +121,7 @@ def test_cooling_is_modelled_well_enough():
 
 def sharing(tolerance: float = 0.05) -> Rig:
     """With thermal switches, which allow any spring."""
-    supply = {"outputs": "shared", "current_limit_a": 4.0, "budget_a": 4.2}
+    supply = {"outputs": "shared", "current_limit_a": 4.0, "max_total_current_a": 4.2}
     values = rig_with(supply=supply, springs={"resistance_tolerance": tolerance}).model_dump()
     return Rig.from_json(values | {"cutoff": {"kind": "thermal", "opens_at_c": 85.0}})
 
@@ -183,7 +183,7 @@ def longest_safe(rig: Rig, temperature: float) -> float:
     worst = worst_springs(rig)
     state = SpringState(np.array([temperature]), np.array([float(temperature < 45.0)]))
     rising = HeatModel([worst]).run(np.ones((1000, 1)), DT, state).temperature[:, 0]
-    return DT * int(np.argmax(rising > rig.limits.ceiling_c))
+    return DT * int(np.argmax(rising > rig.limits.max_temperature_c))
 
 
 @pytest.mark.parametrize(("less", "allowed"), [(0.05, True), (-0.05, False)])

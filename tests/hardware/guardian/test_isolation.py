@@ -10,8 +10,9 @@ import sys
 
 import pytest
 
-from hardware.guardian.isolation import clean_environment, import_path
+from eldir_hardware.guardian.isolation import clean_environment, import_path
 from tests.hardware.emulated_rigs import HEAT, each_once, emulated, rig_file
+from tests.paths import PACKAGES
 
 SHORT = HEAT.replace("5.0", "0.5").replace("+ 20", "+ 1")
 PLANTED = ("serial", "json", "numpy", "yaml", "sitecustomize", "usercustomize", "startup", "toy")
@@ -82,8 +83,7 @@ def test_what_is_on_the_guardians_path(tmp_path, monkeypatch):
     own.mkdir()
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", ["", ".", str(tmp_path), "own", str(own), str(everyone), "/no/such"])
-    home = import_path()[-1]
-    assert import_path() == [str(own), home] and os.path.isdir(os.path.join(home, "hardware"))
+    assert import_path() == [str(own), *(str(PACKAGES[n].parent) for n in ("eldir", "eldir_hardware"))]
     monkeypatch.setenv("LD_PRELOAD", "evil.so")
     monkeypatch.setenv("PYTHONHASHSEED", "1")
     monkeypatch.setenv("LD_LIBRARY_PATH", f"{own}::{tmp_path}")

@@ -15,16 +15,16 @@ from typing import NamedTuple
 import pytest
 
 from eldir.errors import EldirError
-from hardware.clock import VirtualClock
-from hardware.guardian.bank import Report
-from hardware.guardian.client import Guardian
-from hardware.guardian.measured_heat import CurrentFlowsError, WrongHeatError
-from hardware.guardian.pulse_controller import PulseController
-from hardware.relay.registration import kinds
-from hardware.rig.configuration import Rig
-from hardware.safety.latch import stop_of
-from hardware.sensor.errors import SensorError
-from hardware.virtual.rig import VirtualRig
+from eldir_hardware.clock import VirtualClock
+from eldir_hardware.guardian.bank import Report
+from eldir_hardware.guardian.client import Guardian
+from eldir_hardware.guardian.measured_heat import CurrentFlowsError, WrongHeatError
+from eldir_hardware.guardian.pulse_controller import PulseController
+from eldir_hardware.relay.registration import kinds
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.safety.latch import stop_of
+from eldir_hardware.sensor.errors import SensorError
+from eldir_hardware.virtual.rig import VirtualRig
 from tests.hardware.emulated_rigs import each_once
 from tests.hardware.rigs_and_schedules import rig_with
 from tests.hardware.virtual.piston_and_observer import Piston
@@ -56,7 +56,7 @@ def struck(
     strike: Callable[[VirtualRig], object], *, visible_at: float = 1.0, kind: str = "lcus", **entries: object
 ) -> Ended:
     """The fault strikes a second after heating has begun; it can be seen `visible_at` after the beginning."""
-    board = {"kind": kind} | ({"second_flash": "restarts"} if kind == "modbus" else {})
+    board = {"kind": kind} | ({"retriggerable": True} if kind == "modbus" else {})
     rig = rig_with(virtual={"clock": "wall"}, board=board, **({"sensor": SENSOR} | entries))
     reports: list[Report] = []
     error: EldirError | None = None
@@ -67,9 +67,9 @@ def struck(
                 with bank.armed():
                     start = time.monotonic() + 0.5
                     bank.heat(start, {1: 4.0, 2: 1.5, 3: 4.0, 4: 4.0})
-                    bank.rest_until(start + 1.0, reports.append)
+                    bank.wait_until(start + 1.0, reports.append)
                     strike(virtual)
-                    bank.rest_until(start + 4.5, reports.append)
+                    bank.wait_until(start + 4.5, reports.append)
             except EldirError as caught:
                 error = caught
         latched = stop_of(port) is not None
@@ -183,7 +183,7 @@ def test_a_stop_for_another_reason_finds_the_welded_contact():
         with pytest.raises(EldirError) as told, bank.armed():
             start = time.monotonic() + 0.5
             bank.heat(start, {1: 3.0, 3: 3.0})
-            bank.rest_until(start + 1.0, ignore)
+            bank.wait_until(start + 1.0, ignore)
             stop_welded(virtual)
         assert stop_of(virtual.emulator.port)
         assert not virtual.emulator.contacts[0]
@@ -208,10 +208,10 @@ def test_faults_while_it_heats(name):
         start = virtual.clock.now() + 0.5
         with pytest.raises(error) as told, bank.armed():
             bank.heat(start, {1: 4.0, 2: 1.5, 3: 4.0, 4: 4.0})
-            bank.rest_until(start + 1.0, ignore)
+            bank.wait_until(start + 1.0, ignore)
             assert virtual.emulator.contacts == (True,) * 4
             strike(virtual)
-            bank.rest_until(start + 4.5, ignore)
+            bank.wait_until(start + 4.5, ignore)
         assert not any(virtual.emulator.contacts)
         check(name, str(told.value), bank.proof, max(e.t for e in virtual.emulator.edges) - start - 1.0)
 
@@ -221,16 +221,16 @@ def test_faults_while_it_heats(name):
 @pytest.mark.parametrize("others", [True, False])
 def test_a_weld_is_seen_soon_on_every_board(kind, chip, others):
     """From the instant at which contact 2 should open to the stop, in virtual time: the protocols' part."""
-    board = {"kind": kind, "second_flash": "restarts"}
+    board = {"kind": kind, "retriggerable": True}
     with controller(board=board, sensor={"kind": chip}) as (virtual, bank):
         start = virtual.clock.now() + 1.0
         seen: list[float] = []
         with pytest.raises(CurrentFlowsError, match="channel 2"), bank.armed():
             bank.heat(start, {1: 4.0, 2: 1.5, 4: 4.0} if others else {2: 1.5})
-            bank.rest_until(start + 1.0, ignore)
+            bank.wait_until(start + 1.0, ignore)
             virtual.emulator.faults.welded.add(2)
             try:
-                bank.rest_until(start + 4.5, ignore)
+                bank.wait_until(start + 4.5, ignore)
             finally:
                 seen.append(virtual.clock.now() - start - 1.5)
         print(f"\n{kind}, {chip}{', others too' if others else ''}: seen after {1e3 * seen[0]:.0f} ms")
@@ -240,15 +240,15 @@ def test_a_weld_is_seen_soon_on_every_board(kind, chip, others):
 
 def test_contacts_that_switch_all_the_time_are_measured_all_the_same():
     with controller(
-        board={"kind": "sainsmart"}, limits={"least_off_s": 0.1, "duty": 1.0}, supply={"current_limit_a": 1.5}
+        board={"kind": "sainsmart"}, limits={"min_off_s": 0.1, "duty": 1.0}, supply={"current_limit_a": 1.5}
     ) as (virtual, bank):
         reports: list[Report] = []
         with bank.armed():
             start = virtual.clock.now() + 1.0
             for k in range(28):
-                bank.rest_until(start + 0.31 * k - 0.3, reports.append)
+                bank.wait_until(start + 0.31 * k - 0.3, reports.append)
                 bank.heat(start + 0.31 * k, {1: 0.155})
-            bank.rest_until(start + 9.0, reports.append)
+            bank.wait_until(start + 9.0, reports.append)
     measured = [r.t for r in reports if r.currents and start < r.t < start + 8.8]
     assert 0.6 < max(b - a for a, b in pairwise(measured)) < 0.9, "some are left out, but not for long"
 
@@ -277,7 +277,7 @@ def test_a_contact_that_welds_in_the_last_pulse_is_found_at_the_end():
     with controller() as (virtual, bank):
         with pytest.raises(CurrentFlowsError, match="channel 1"), bank.armed():
             bank.heat(virtual.clock.now() + 0.5, {1: 2.0})
-            bank.rest_until(virtual.clock.now() + 2.0, ignore)
+            bank.wait_until(virtual.clock.now() + 2.0, ignore)
             virtual.emulator.faults.welded.add(1)
         assert virtual.springs.peak < 90
 
@@ -286,23 +286,23 @@ def test_a_lost_sensor_ends_the_run_by_the_boards_report_alone():
     with controller() as (virtual, bank):
         with raises(SensorError, "sensor", match="0x41 does not answer"), bank.armed():
             bank.heat(virtual.clock.now() + 0.5, {1: 3.0})
-            bank.rest_until(virtual.clock.now() + 2.0, ignore)
+            bank.wait_until(virtual.clock.now() + 2.0, ignore)
             virtual.emulated_sensor.i2c.chips[0x41].faults.missing = True
-            bank.rest_until(virtual.clock.now() + 2.0, ignore)
+            bank.wait_until(virtual.clock.now() + 2.0, ignore)
         assert not any(virtual.emulator.contacts)
         assert bank.proof == "all contacts are open by the board's report"
 
 
 def test_a_contactor_that_opens_ends_the_current_of_a_welded_contact():
     """The stop opens the contactor too: what is proven then is that no current flows."""
-    values = rig_with(board={"kind": "modbus", "channels": 5, "second_flash": "restarts"}).model_dump()
+    values = rig_with(board={"kind": "modbus", "channels": 5, "retriggerable": True}).model_dump()
     values |= {"cutoff": {"kind": "contactor", "channel": 5}, "sensor": SENSOR}
     rig = Rig.from_json(values)
     with VirtualRig(rig, Piston()) as virtual:
         bank = PulseController(virtual.board, rig, virtual.clock, sensor=virtual.sensor)
         with bank.armed():
             bank.heat(virtual.clock.now() + 0.5, {1: 1.0, 2: 2.0})
-            bank.rest_until(virtual.clock.now() + 4.0, ignore)
+            bank.wait_until(virtual.clock.now() + 4.0, ignore)
     assert bank.proof == (
         "all contacts are open by the board's report; "
         "no current flows in channels 1, 2 by the sensor (it measured the supply in all of them in this "
@@ -317,7 +317,7 @@ def test_a_rehearsal_with_the_supply_off_plays_to_its_end():
         virtual.springs.supplied = False
         with bank.armed():
             bank.heat(virtual.clock.now() + 0.5, {1: 2.0, 2: 1.0})
-            bank.rest_until(virtual.clock.now() + 3.0, ignore)
+            bank.wait_until(virtual.clock.now() + 3.0, ignore)
         virtual.frame(virtual.clock.now())
         assert len(virtual.emulator.edges) == 4 and virtual.springs.peak == 22.0
 
@@ -328,9 +328,9 @@ def test_nothing_is_late_because_it_measures(kind):
     found = []
     for sensor in (None, {"kind": "ina226"}, SENSOR):
         rig = rig_with(
-            board={"kind": kind, "second_flash": "restarts"},
+            board={"kind": kind, "retriggerable": True},
             sensor=sensor,
-            limits={"least_off_s": 0.3},
+            limits={"min_off_s": 0.3},
             supply={"current_limit_a": 1.5},
         )
         with VirtualRig(rig, Piston()) as virtual:
@@ -339,7 +339,7 @@ def test_nothing_is_late_because_it_measures(kind):
                 start = 1.5
                 for k in range(6):
                     bank.heat(start + 1.7 * k, {1: 0.4 + 0.07 * k, 3: 0.3 + 0.1 * k})
-                    bank.rest_until(start + 1.7 * k + 1.4, ignore)
+                    bank.wait_until(start + 1.7 * k + 1.4, ignore)
             found.append([(e.channel, e.closed, e.t) for e in virtual.emulator.edges])
     for with_sensor in found[1:]:
         assert [e[:2] for e in with_sensor] == [e[:2] for e in found[0]]
@@ -356,7 +356,7 @@ def test_a_sound_rig_is_never_stopped(seed, chip):
             for k in range(6):
                 start = virtual.clock.now() + 0.4
                 bank.heat(start, {1: 3.0 + 0.13 * k, 2: 0.4, 3: 1.0 + 0.31 * k})
-                bank.rest_until(start + 16.0, reports.append)
+                bank.wait_until(start + 16.0, reports.append)
                 virtual.frame(virtual.clock.now())
     assert {round(c) for r in reports for c in r.currents} <= {0, 1, 2, 3, 4}
     assert max(r.currents[3] for r in reports) < 0.05 and max(r.currents[0] for r in reports) > 3.4

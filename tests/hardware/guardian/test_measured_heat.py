@@ -2,9 +2,9 @@
 
 import pytest
 
-from hardware.guardian.measured_heat import CurrentFlowsError, MeasuredHeat, WrongHeatError
-from hardware.rig.supply import LimitError
-from hardware.sensor.driver import Measurement
+from eldir_hardware.guardian.measured_heat import CurrentFlowsError, MeasuredHeat, WrongHeatError
+from eldir_hardware.rig.supply import LimitError
+from eldir_hardware.sensor.driver import Measurement
 from tests.hardware.rigs_and_schedules import rig_with
 from tests.raised import raises
 

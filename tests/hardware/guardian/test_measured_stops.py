@@ -10,13 +10,13 @@ from pathlib import Path
 import pytest
 
 from eldir.errors import EldirError
-from hardware.guardian.bank import Report
-from hardware.guardian.client import Guardian
-from hardware.guardian.measured_heat import CurrentFlowsError
-from hardware.rig.configuration import Rig
-from hardware.safety.latch import stop_of
-from hardware.sensor.errors import SensorError
-from hardware.virtual.rig import VirtualRig
+from eldir_hardware.guardian.bank import Report
+from eldir_hardware.guardian.client import Guardian
+from eldir_hardware.guardian.measured_heat import CurrentFlowsError
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.safety.latch import stop_of
+from eldir_hardware.sensor.errors import SensorError
+from eldir_hardware.virtual.rig import VirtualRig
 from tests.hardware.emulated_rigs import rig_file, run
 from tests.hardware.rigs_and_schedules import rig_with
 from tests.hardware.virtual.piston_and_observer import Piston
@@ -87,11 +87,11 @@ def test_after_the_guardian_died_the_program_measures(tmp_path, welded):
         expected = "current flows in channel 2" if welded else f"the guardian died; {OPEN}; {ONLY_2}"
         with pytest.raises(Exception, match=expected) as told, bank.armed():
             bank.heat(time.monotonic() + 0.3, {2: 4.0})
-            bank.rest_until(time.monotonic() + 1.0, ignore)
+            bank.wait_until(time.monotonic() + 1.0, ignore)
             if welded:
                 virtual.emulator.faults.welded.add(2)
             os.kill(bank.process, signal.SIGKILL)
-            bank.rest_until(time.monotonic() + 2.0, ignore)
+            bank.wait_until(time.monotonic() + 2.0, ignore)
         assert isinstance(told.value, CurrentFlowsError) is welded
         assert "the guardian died" in str(told.value)
 
@@ -101,7 +101,7 @@ def proof_after(path: Path, heated: dict[int, float]) -> str:
     with pytest.raises(KeyboardInterrupt) as stopped, Guardian(Rig.load(path)) as bank, bank.armed():
         start = time.monotonic() + 0.3
         bank.heat(start, heated)
-        bank.rest_until(start + 1.2, ignore)
+        bank.wait_until(start + 1.2, ignore)
         raise KeyboardInterrupt
     [proof] = stopped.value.__notes__
     return proof
@@ -134,14 +134,14 @@ def test_what_an_earlier_run_saw_proves_nothing_of_the_next(tmp_path):
     with bench(tmp_path) as (virtual, path), Guardian(Rig.load(path)) as bank:
         with bank.armed():
             bank.heat(time.monotonic() + 0.3, {2: 1.0})
-            bank.rest_until(time.monotonic() + 1.6, ignore)
+            bank.wait_until(time.monotonic() + 1.6, ignore)
         virtual.springs.supplied = False
         with (
             pytest.raises(EldirError, match=f"the guardian died; {OPEN}; .*channels 1 to 4, but it"),
             bank.armed(),
         ):
             os.kill(bank.process, signal.SIGKILL)
-            bank.rest_until(time.monotonic() + 2.0, ignore)
+            bank.wait_until(time.monotonic() + 2.0, ignore)
 
 
 def test_a_sensor_that_fails_at_the_start_leaves_no_stop(tmp_path):

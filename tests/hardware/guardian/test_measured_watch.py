@@ -6,11 +6,11 @@ from contextlib import contextmanager
 import pytest
 
 from eldir.errors import EldirError
-from hardware.clock import VirtualClock
-from hardware.guardian import measured_heat
-from hardware.guardian.bank import Report
-from hardware.guardian.current_watch import CurrentWatch
-from hardware.guardian.measured_heat import (
+from eldir_hardware.clock import VirtualClock
+from eldir_hardware.guardian import measured_heat
+from eldir_hardware.guardian.bank import Report
+from eldir_hardware.guardian.current_watch import CurrentWatch
+from eldir_hardware.guardian.measured_heat import (
     MOVED,
     STEADY,
     AcceptedHeat,
@@ -21,8 +21,8 @@ from hardware.guardian.measured_heat import (
     require_no_current,
     supplied_channels,
 )
-from hardware.sensor.chips import CHIPS
-from hardware.sensor.driver import Measurement
+from eldir_hardware.sensor.chips import CHIPS
+from eldir_hardware.sensor.driver import Measurement
 from tests.hardware.rigs_and_schedules import rig_with
 from tests.raised import raises
 

@@ -5,9 +5,9 @@ from itertools import pairwise
 import pytest
 
 from eldir.errors import EldirError
-from hardware.guardian.pulse_controller import HeartbeatError, PulseController
-from hardware.relay.errors import SilentBoardError
-from hardware.safety.limits import LimitError
+from eldir_hardware.guardian.pulse_controller import HeartbeatError, PulseController
+from eldir_hardware.relay.errors import SilentBoardError
+from eldir_hardware.safety.limits import LimitError
 from tests.hardware.guardian.pulse_controllers import FAN, controlled, edges, ignore, rig_of, step_until
 from tests.hardware.rigs_and_schedules import rig_with
 from tests.raised import raises
@@ -19,7 +19,7 @@ from tests.raised import raises
 def test_how_long_a_heartbeat_may_be_missing(silent, stops):
     with controlled(rig_of()) as (virtual, bank, _):
         bank.arm()
-        bank.rest_until(3.0, ignore)
+        bank.wait_until(3.0, ignore)
         heard = virtual.clock.now()
         step_until(virtual, bank, heard + silent)
         if stops:
@@ -34,7 +34,7 @@ def test_how_late_anything_may_be(late, stops):
     """Counted from when it was due. A heartbeat just before does not excuse it."""
     with controlled(rig_of()) as (virtual, bank, _):
         bank.arm()
-        bank.rest_until(3.0, ignore)
+        bank.wait_until(3.0, ignore)
         virtual.clock.sleep_until(bank.step() + late)
         bank.beat()
         if stops:
@@ -50,7 +50,7 @@ def test_how_late_a_contact_may_move(late, stops):
     with controlled(rig_of()) as (virtual, bank, seen):
         bank.arm()
         bank.heat(1.0, {1: 2.0})
-        bank.rest_until(0.9, seen.append)
+        bank.wait_until(0.9, seen.append)
         virtual.clock.sleep_until(1.0 - virtual.board.delay({1: True}) + late)
         bank.beat()
         if stops:
@@ -58,7 +58,7 @@ def test_how_late_a_contact_may_move(late, stops):
                 bank.step()
             assert not any(virtual.emulator.contacts)
         else:
-            bank.rest_until(2.0, seen.append)
+            bank.wait_until(2.0, seen.append)
             assert seen[-1].latest == pytest.approx(late, abs=1e-6)
             assert virtual.emulator.contacts[0]
 
@@ -69,7 +69,7 @@ def test_a_computer_that_was_asleep(slept, stops):
     counter = [100.0]
     with controlled(rig_of(), lambda: counter[0]) as (_, bank, _):
         bank.arm()
-        bank.rest_until(1.0, ignore)
+        bank.wait_until(1.0, ignore)
         counter[0] += slept
         if stops:
             with raises(EldirError, "guardian.asleep"):
@@ -84,7 +84,7 @@ def test_a_program_that_slept_while_it_waited_does_not_blame_the_board(monkeypat
     with controlled(rig_of()) as (virtual, bank, _):
         bank.arm()
         bank.heat(1.0, {1: 5.0})
-        bank.rest_until(2.0, ignore)
+        bank.wait_until(2.0, ignore)
 
         def silent() -> None:
             virtual.clock.sleep_until(virtual.clock.now() + gap)
@@ -92,7 +92,7 @@ def test_a_program_that_slept_while_it_waited_does_not_blame_the_board(monkeypat
 
         monkeypatch.setattr(virtual.board, "_report", silent)
         with pytest.raises(EldirError, match=message):
-            bank.rest_until(4.0, ignore)
+            bank.wait_until(4.0, ignore)
 
 
 @pytest.mark.parametrize("phase", ["_report", "_command_many"])
@@ -102,7 +102,7 @@ def test_how_long_a_step_may_take(monkeypatch, phase, gap, stops):
     with controlled(rig_of()) as (virtual, bank, _):
         bank.arm()
         bank.heat(1.0, {1: 5.0})
-        bank.rest_until(2.0, ignore)
+        bank.wait_until(2.0, ignore)
         original, left = getattr(virtual.board, phase), [gap]
 
         def slow(*arguments: object) -> object:
@@ -114,9 +114,9 @@ def test_how_long_a_step_may_take(monkeypatch, phase, gap, stops):
         bank.heat(2.5, {2: 2.0})
         if stops:
             with raises(EldirError, "guardian.stood-still", match=r"0\.6 s"):
-                bank.rest_until(4.0, ignore)
+                bank.wait_until(4.0, ignore)
         else:
-            bank.rest_until(4.0, ignore)
+            bank.wait_until(4.0, ignore)
         assert not left
 
 
@@ -155,12 +155,12 @@ def test_a_board_that_another_user_stopped_closes_nothing_more():
         bank = PulseController(virtual.board, rig_of(), virtual.clock, may_close=may_close)
         bank.arm()
         bank.heat(1.0, {1: 1.0})
-        bank.rest_until(3.0, ignore)
+        bank.wait_until(3.0, ignore)
         assert len(asked) == 1, "nothing but a closing asks"
         bank.heat(12.0, {1: 1.0})
         stopped.append(True)
         with pytest.raises(EldirError, match="it is stopped"):
-            bank.rest_until(13.0, ignore)
+            bank.wait_until(13.0, ignore)
         assert len(edges(virtual, 1)) == 2, "the second pulse has not begun"
 
 
@@ -168,7 +168,7 @@ def test_a_second_stop_does_nothing():
     with controlled(rig_of()) as (virtual, bank, _):
         bank.arm()
         bank.heat(1.0, {1: 5.0})
-        bank.rest_until(2.0, ignore)
+        bank.wait_until(2.0, ignore)
         bank.stop("a key")
         assert not any(virtual.emulator.contacts)
         written = virtual.board.bytes_written
@@ -195,20 +195,20 @@ def test_a_cut_opens_what_heats_and_forgets_what_was_announced():
         bank.arm()
         bank.heat(1.0, {1: 5.0, 2: 4.0})
         bank.heat(3.0, {3: 1.0})
-        bank.rest_until(2.0, ignore)
+        bank.wait_until(2.0, ignore)
         assert virtual.emulator.contacts == (True, True, False, False, True)
-        bank.cut()
-        bank.rest_until(2.1, ignore)
+        bank.abort_pulses()
+        bank.wait_until(2.1, ignore)
         assert virtual.emulator.contacts == (False, False, False, False, True)
-        bank.rest_until(5.0, ignore)
+        bank.wait_until(5.0, ignore)
         assert edges(virtual, 3) == []
         written = virtual.board.bytes_written
-        bank.cut()
+        bank.abort_pulses()
         assert virtual.board.bytes_written == written, "nothing to cut"
         with raises(LimitError, "limit.no-rest"):
             bank.heat(9.9, {1: 1.0})
         bank.heat(10.1, {1: 1.0})
-        bank.rest_until(10.5, ignore)
+        bank.wait_until(10.5, ignore)
         assert virtual.emulator.contacts[0]
 
 
@@ -217,12 +217,12 @@ def test_the_end_opens_everything_and_tells():
         bank.arm()
         bank.heat(1.0, {1: 5.0})
         bank.heat(4.0, {2: 1.0})
-        bank.rest_until(2.0, seen.append)
+        bank.wait_until(2.0, seen.append)
         bank.disarm()
         assert seen[-1].closed == virtual.emulator.contacts == (False,) * 5
         assert seen[-1].t == pytest.approx(virtual.clock.now())
         bank.arm()
-        bank.rest_until(6.0, seen.append)
+        bank.wait_until(6.0, seen.append)
         assert edges(virtual, 2) == [], "announced before the end, and forgotten"
         with raises(LimitError, "limit.no-rest"):
             bank.heat(9.0, {1: 1.0})
@@ -233,7 +233,7 @@ def test_pulses_announced_in_any_order_come_on_time():
         bank.arm()
         for at, lengths in ((6.0, {2: 2.0}), (1.0, {1: 2.0}), (3.5, {3: 2.0, 4: 1.0})):
             bank.heat(at, lengths)
-        bank.rest_until(9.0, ignore)
+        bank.wait_until(9.0, ignore)
         for channel, times in ((1, (1.0, 3.0)), (2, (6.0, 8.0)), (3, (3.5, 5.5)), (4, (3.5, 4.5))):
             assert [t for t, _ in edges(virtual, channel)] == pytest.approx(times, abs=0.0025)
         assert bank._latest < 1e-6
@@ -247,7 +247,7 @@ def test_edges_that_nearly_coincide_go_out_as_one(apart, seen):
         bank.heat(1.0, {1: 2.0, 2: 2.0 + apart})
         bank.heat(5.0, {3: 2.0})
         bank.heat(5.0 + apart, {4: 2.0})
-        bank.rest_until(8.0, ignore)
+        bank.wait_until(8.0, ignore)
         ends = [edges(virtual, c)[1][0] for c in (1, 2)]
         begins = [edges(virtual, c)[0][0] for c in (3, 4)]
         assert ends[1] - ends[0] == pytest.approx(seen, abs=1e-6)
@@ -258,18 +258,18 @@ def test_rest_returns_when_its_time_has_come():
     with controlled(rig_of()) as (virtual, bank, _):
         bank.arm()
         for t in (1.0, 1.01, 4.0):
-            bank.rest_until(t, ignore)
+            bank.wait_until(t, ignore)
             assert t <= virtual.clock.now() < t + 0.06
 
 
 def test_what_heats_already_counts_when_more_is_announced():
     """With what is announced, and with what was switched: the rest of a channel, and the supply's budget."""
-    with controlled(rig_with(supply={"current_limit_a": 1.5, "budget_a": 3.5})) as (_, bank, _):
+    with controlled(rig_with(supply={"current_limit_a": 1.5, "max_total_current_a": 3.5})) as (_, bank, _):
         bank.arm()
         bank.heat(1.0, {1: 4.0, 2: 4.0})
         with raises(LimitError, "limit.no-rest"):
             bank.heat(7.0, {1: 1.0})
-        bank.rest_until(2.0, ignore)
+        bank.wait_until(2.0, ignore)
         with raises(LimitError, "limit.supply"):
             bank.heat(4.0, {3: 1.0})
         bank.heat(5.1, {3: 1.0})
@@ -295,7 +295,7 @@ def test_a_read_back_is_put_off_for_less_than_half_a_second():
         bank.arm()
         for number, channel in enumerate((1, 2, 3, 4)):
             bank.heat(1.0 + 0.14 * number, {channel: 2.0 + 0.3 * number})
-        bank.rest_until(6.0, seen.append)
+        bank.wait_until(6.0, seen.append)
         times = [report.t for report in seen if 0.8 < report.t < 2.0]
         assert max(b - a for a, b in pairwise(times)) < 0.5
 
@@ -304,8 +304,8 @@ def test_reports_go_to_whom_rests():
     with controlled(rig_of()) as (_, bank, _):
         bank.arm()
         first: list = []
-        bank.rest_until(2.0, first.append)
+        bank.wait_until(2.0, first.append)
         count = len(first)
         second: list = []
-        bank.rest_until(4.0, second.append)
+        bank.wait_until(4.0, second.append)
         assert len(first) == count > 1 and len(second) > 1

@@ -5,9 +5,9 @@ from itertools import pairwise
 import pytest
 
 from eldir.errors import EldirError
-from hardware.relay.registration import kinds
-from hardware.rig.configuration import Rig
-from hardware.rig.sections import BoardEntry
+from eldir_hardware.relay.registration import kinds
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.rig.sections import BoardEntry
 from tests.hardware.guardian.pulse_controllers import FAN, controlled, edges, ignore, rig_of
 from tests.hardware.rigs_and_schedules import rig_with
 from tests.raised import raises
@@ -22,7 +22,7 @@ def test_contacts_move_at_their_instant(kind):
         bank.arm()
         bank.heat(1.0, {1: 2.0, 3: 2.0})
         bank.heat(6.0, {2: 1.5})
-        bank.rest_until(9.0, ignore)
+        bank.wait_until(9.0, ignore)
         both = [[edges(virtual, c)[i][0] for c in (1, 3)] for i in (0, 1)]
         assert [sum(t) / 2 for t in both] == pytest.approx([1.0, 3.0], abs=1e-6)
         assert [t for t, _ in edges(virtual, 2)] == pytest.approx([6.0, 7.5], abs=1e-6)
@@ -55,7 +55,7 @@ def test_a_pulse_is_repeated_before_it_ends(seconds):
         told = flashes(virtual)
         bank.arm()
         bank.heat(1.0, {1: seconds})
-        bank.rest_until(8.0, ignore)
+        bank.wait_until(8.0, ignore)
         (closed, _), (opened, _) = edges(virtual, 1)
         assert closed == pytest.approx(1.0, abs=1e-6)
         assert opened == pytest.approx(1.0 + seconds, abs=0.002)
@@ -74,7 +74,7 @@ def test_a_pulse_is_not_repeated_across_an_edge():
         bank.arm()
         bank.heat(1.0, {1: 3.0})
         bank.heat(1.2, {2: 1.1})
-        bank.rest_until(6.0, ignore)
+        bank.wait_until(6.0, ignore)
         assert [t for t, _ in edges(virtual, 1)] == pytest.approx([1.0, 4.0], abs=0.01)
         assert [t for t, _ in edges(virtual, 2)] == pytest.approx([1.2, 2.3], abs=1e-6)
         assert bank._latest == pytest.approx(16 * 10 / 9600), "the frame of a repetition and its echo"
@@ -84,13 +84,13 @@ def test_a_pulse_is_not_repeated_across_an_edge():
 
 def test_a_board_that_ignores_a_second_pulse_gets_one_of_full_length():
     rig = rig_of("modbus")
-    board = BoardEntry.from_json(rig.board.model_dump() | {"second_flash": "ignored"})
+    board = BoardEntry.from_json(rig.board.model_dump() | {"retriggerable": False})
     with controlled(rig.model_copy(update={"board": board})) as (virtual, bank, _):
         virtual.emulator.restarts = False
         told = flashes(virtual)
         bank.arm()
         bank.heat(1.0, {1: 2.34})
-        bank.rest_until(6.0, ignore)
+        bank.wait_until(6.0, ignore)
         assert [tenths for _, _, tenths in told] == [24]
         assert [t for t, _ in edges(virtual, 1)] == pytest.approx([1.0, 3.34], abs=0.002)
 
@@ -121,7 +121,7 @@ def test_a_contactor_is_closed_exactly_while_something_heats(pulses):
         bank.arm()
         for at, lengths in pulses.items():
             bank.heat(at, lengths)
-        bank.rest_until(14.0, ignore)
+        bank.wait_until(14.0, ignore)
         order = [(e.channel, e.closed) for e in sorted(virtual.emulator.edges)]
         spans = sorted((at, at + s) for at, lengths in pulses.items() for s in lengths.values())
         heated: list[list[float]] = []
@@ -143,13 +143,13 @@ def test_a_cut_opens_the_contactor_last():
     with controlled(contactor_rig()) as (virtual, bank, _):
         bank.arm()
         bank.heat(1.0, {1: 4.0, 2: 4.0})
-        bank.rest_until(2.0, ignore)
-        bank.cut()
-        bank.rest_until(2.3, ignore)
+        bank.wait_until(2.0, ignore)
+        bank.abort_pulses()
+        bank.wait_until(2.3, ignore)
         opened = [e.channel for e in sorted(virtual.emulator.edges) if not e.closed]
         assert sorted(opened) == [1, 2, 5] and not any(virtual.emulator.contacts)
         bank.heat(11.0, {1: 1.0})
-        bank.rest_until(13.0, ignore)
+        bank.wait_until(13.0, ignore)
         assert [t for t, _ in edges(virtual, 5)][2:] == pytest.approx([11.0, 12.0], abs=0.05)
 
 
@@ -163,14 +163,14 @@ def test_how_often_the_board_is_asked(kind):
     rig = rig_of(kind)
     with controlled(rig) as (virtual, bank, seen):
         bank.arm()
-        bank.rest_until(3.0, seen.append)
+        bank.wait_until(3.0, seen.append)
         took = virtual.board.report_time
         rest = {"mosfet": 0.2}.get(kind, 0.5)
         idle = [b.t - a.t for a, b in pairwise(seen) if b.t < 2.9]
         assert idle == pytest.approx([rest + took] * len(idle), abs=0.01)
         seen.clear()
         bank.heat(4.0, {1: 3.0})
-        bank.rest_until(9.0, seen.append)
+        bank.wait_until(9.0, seen.append)
         heated = [r for r in seen if 4.0 < r.t < 7.0]
         gaps = [b.t - a.t for a, b in pairwise(heated)]
         assert max(gaps) <= 0.1 + took + 0.03 and len(heated) >= 0.8 * 3.0 / (0.1 + took)
@@ -189,24 +189,24 @@ def test_how_often_the_board_is_asked(kind):
 
 def test_edges_close_together_do_not_keep_the_controller_blind():
     """Four channels in turn: a report comes between them at least every half second."""
-    rig = rig_with(supply={"budget_a": 16}, limits={"least_off_s": 0.3, "duty": 1.0})
+    rig = rig_with(supply={"max_total_current_a": 16}, limits={"min_off_s": 0.3, "duty": 1.0})
     with controlled(rig) as (_, bank, seen):
         bank.arm()
         for k in range(20):
             bank.heat(1.0 + 0.3 * k, {1 + k % 4: 0.15})
-        bank.rest_until(8.0, seen.append)
+        bank.wait_until(8.0, seen.append)
         assert max(b.t - a.t for a, b in pairwise(seen)) < 0.6
         assert bank._latest < 0.05
 
 
 def test_switchings_that_leave_no_time_for_a_read_back_end_the_run():
-    rig = rig_with(supply={"budget_a": 16}, limits={"least_off_s": 0.3})
+    rig = rig_with(supply={"max_total_current_a": 16}, limits={"min_off_s": 0.3})
     with controlled(rig) as (virtual, bank, seen):
         bank.arm()
         for k in range(30):
             bank.heat(1.0 + 0.12 * k, {1 + k % 4: 0.06})
         with raises(EldirError, "guardian.contacts-unseen", match=r"1\.5 s"):
-            bank.rest_until(8.0, seen.append)
+            bank.wait_until(8.0, seen.append)
         assert max(b.t - a.t for a, b in pairwise(seen)) < 1.6
         bank.stop("not seen")
         assert not any(virtual.emulator.contacts)
@@ -217,7 +217,7 @@ def test_a_fan_is_no_heat():
     with controlled(rig_of(**FAN)) as (virtual, bank, seen):
         bank.arm()
         bank.heat(1.0, {1: 2.0, 2: 2.0})
-        bank.rest_until(60.0, seen.append)
+        bank.wait_until(60.0, seen.append)
         assert edges(virtual, 5)[0][1] and len(edges(virtual, 5)) == 1
         assert seen[-1].closed == (False,) * 4 + (True,)
 
@@ -231,7 +231,7 @@ def test_a_contactor_on_the_first_channel():
     with controlled(rig) as (virtual, bank, _):
         bank.arm()
         bank.heat(1.0, {2: 2.0, 3: 2.0})
-        bank.rest_until(5.0, ignore)
+        bank.wait_until(5.0, ignore)
         order = sorted(virtual.emulator.edges, key=lambda e: e.t)
         assert [(e.channel, e.closed) for e in order[:3]] == [(1, True), (2, True), (3, True)]
         assert {e.channel for e in order[3:]} == {1, 2, 3} and len({e.t for e in order[3:]}) == 1
@@ -245,7 +245,7 @@ def test_a_repeated_pulse_gives_way_to_an_edge(apart):
         bank.arm()
         bank.heat(1.0, {1: 3.0})
         bank.heat(1.5 + apart, {2: 1.0})
-        bank.rest_until(6.0, ignore)
+        bank.wait_until(6.0, ignore)
         assert edges(virtual, 2)[0][0] == pytest.approx(1.5 + apart, abs=1e-3)
         assert [closed for _, closed in edges(virtual, 1)] == [True, False], "it goes on all the time"
         sent = [t for t, channel, _ in told if channel == 1]

@@ -13,8 +13,8 @@ from contextlib import contextmanager, suppress
 
 import pytest
 
-from hardware.safety.latch import DIED, stop_of
-from hardware.safety.spring_memory import remembered
+from eldir_hardware.safety.latch import DIED, stop_of
+from eldir_hardware.safety.spring_memory import remembered
 from tests.forked_programs import Forked
 from tests.hardware.emulated_rigs import HEAT, emulated, rig_file, wait
 
@@ -94,7 +94,7 @@ def test_the_guardian_says_what_it_does_and_who_it_is(tmp_path):
         program = Forked(
             [sys.executable, "-c", HEAT, str(path)],
             stdout=subprocess.PIPE, stderr=file,
-            env=os.environ | {"ELDIR_LOG": "hardware.relay=debug,info"},
+            env=os.environ | {"ELDIR_LOG": "eldir_hardware.relay=debug,info"},
         )  # fmt: skip
         guardian = int(program.stdout.readline())
         assert wait(lambda: board.contacts[:4] == (True, False, True, False))
@@ -103,12 +103,14 @@ def test_the_guardian_says_what_it_does_and_who_it_is(tmp_path):
         assert wait(lambda: not os.path.exists(f"/proc/{guardian}"))
     lines = [line.split(maxsplit=2) for line in (tmp_path / "err.txt").read_text().splitlines()]
     said = [rest for _, level, rest in lines if level in ("DEBUG", "INFO")]
-    assert said[0] == f"guardian hardware.relay.line: opened {board.port} at 9600 baud"
-    assert f"guardian hardware.relay.line: to {board.port}: a0 01 01 a2" in said, "channel 1 closes"
-    assert said[-1].startswith("guardian hardware.guardian.process: stopped, ") or any(
+    assert said[0] == f"guardian eldir_hardware.relay.line: opened {board.port} at 9600 baud"
+    assert f"guardian eldir_hardware.relay.line: to {board.port}: a0 01 01 a2" in said, "channel 1 closes"
+    assert said[-1].startswith("guardian eldir_hardware.guardian.process: stopped, ") or any(
         "the program that heats has died" in line for line in said
     )
     off = max(i for i, line in enumerate(said) if line.endswith(": a0 01 00 a1"))
-    assert off > said.index(f"guardian hardware.relay.line: to {board.port}: a0 01 01 a2")
-    assert all(line.startswith("guardian hardware.") for line in said), "this program has no log of its own"
-    assert not any(level == "DEBUG" and "hardware.relay" not in rest for _, level, rest in lines)
+    assert off > said.index(f"guardian eldir_hardware.relay.line: to {board.port}: a0 01 01 a2")
+    assert all(line.startswith("guardian eldir_hardware.") for line in said), (
+        "this program has no log of its own"
+    )
+    assert not any(level == "DEBUG" and "eldir_hardware.relay" not in rest for _, level, rest in lines)

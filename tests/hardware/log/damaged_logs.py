@@ -11,16 +11,16 @@ from pathlib import Path
 import numpy as np
 from mcap.reader import make_reader
 
-from hardware.log.reader import read_log
-from hardware.log.recorder import Recorder
-from hardware.log.recover import recover_log
+from eldir_hardware.log.reader import read_log
+from eldir_hardware.log.recorder import Recorder
+from eldir_hardware.log.recover import recover_log
 from tests.hardware.log.log_contents import EPOCH, NAMES, POSITIONS, picture
 
 KILLED = """
 import sys, time
 import numpy as np
-from hardware.log.background import BackgroundRecorder
-from hardware.log.recorder import Recorder
+from eldir_hardware.log.background import BackgroundRecorder
+from eldir_hardware.log.recorder import Recorder
 with BackgroundRecorder(Recorder(sys.argv[1], epoch_ns=int(sys.argv[2]))) as log:
     log.attach("design.json", b"{}")
     start = time.monotonic()

@@ -13,21 +13,21 @@ import yaml
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
-from calibration.camera.lens import Lens
-from calibration.camera.plane import Image, Plane
-from calibration.camera.tags import WrongLensError, calibrate_plane
-from calibration.camera.validity import valid_for
 from eldir.errors import InputError
-from hardware.analysis.motions import camera_words, plane_words
-from hardware.log.reader import read_log
-from hardware.log.recorder import Recorder
-from hardware.rig.configuration import Rig
-from hardware.rig.template import virtual_rig
-from hardware.run.filming import CameraFiles
-from hardware.vision.recording_setup import recorded_plane
-from hardware.vision.sources import LoggedFrames
-from hardware.vision.virtual_camera import VirtualCamera
-from tests.calibration.camera.lenses import lens_of
+from eldir_calibration.comparison.motions import camera_words, plane_words
+from eldir_hardware.camera.lens import Lens
+from eldir_hardware.camera.plane import Image, Plane
+from eldir_hardware.camera.tags import WrongLensError, calibrate_plane
+from eldir_hardware.camera.validity import valid_for
+from eldir_hardware.log.reader import read_log
+from eldir_hardware.log.recorder import Recorder
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.rig.template import virtual_rig
+from eldir_hardware.run.filming import CameraFiles
+from eldir_hardware.vision.recording_setup import recorded_plane
+from eldir_hardware.vision.sources import LoggedFrames
+from eldir_hardware.vision.virtual_camera import VirtualCamera
+from tests.hardware.camera.lenses import lens_of
 from tests.hardware.vision.walking_films import SPACE, TIMES, film
 from tests.raised import raises
 

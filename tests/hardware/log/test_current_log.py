@@ -14,30 +14,30 @@ from rosbags.highlevel import AnyReader
 from eldir.design import Design
 from eldir.errors import EldirError
 from eldir.lattice import Lattice
-from hardware.analysis.meter_readings import meter_readings
-from hardware.analysis.recorded_run import LoggedRun
-from hardware.clock import WallClock
-from hardware.doctor.checks import examine
-from hardware.emulator.current_sensor import EmulatedCurrentSensor
-from hardware.guardian.measured_heat import CurrentFlowsError, require_no_current
-from hardware.log.reader import RunLog, read_log
-from hardware.log.recorder import Recorder
-from hardware.planning.compiler import compile_schedule
-from hardware.rig.boards import emulator_of
-from hardware.rig.configuration import Rig
-from hardware.rig.template import virtual_rig
-from hardware.run.drive import drive_rig, without_heat
-from hardware.safety.schedule_digests import sealed
-from hardware.sensor.chips import CHIPS
-from hardware.virtual import rig as virtual_module
-from hardware.virtual.rig import VirtualRig
+from eldir_app.doctor.checks import examine
+from eldir_calibration.comparison.recorded_run import LoggedRun
+from eldir_calibration.identification.meter_readings import meter_readings
+from eldir_hardware.clock import WallClock
+from eldir_hardware.emulator.current_sensor import EmulatedCurrentSensor
+from eldir_hardware.guardian.measured_heat import CurrentFlowsError, require_no_current
+from eldir_hardware.log.reader import RunLog, read_log
+from eldir_hardware.log.recorder import Recorder
+from eldir_hardware.planning.compiler import compile_schedule
+from eldir_hardware.rig.boards import emulator_of
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.rig.template import virtual_rig
+from eldir_hardware.run.drive import drive_rig, without_heat
+from eldir_hardware.safety.schedule_digests import with_digests
+from eldir_hardware.sensor.chips import CHIPS
+from eldir_hardware.virtual import rig as virtual_module
+from eldir_hardware.virtual.rig import VirtualRig
 from tests.eldir.random_design import make_design
 from tests.hardware.emulated_rigs import rig_file, run
 from tests.hardware.rigs_and_schedules import gait
 
 MEASURED_WELL = {
-    "supply": {"voltage_v": 11, "current_limit_a": 4, "budget_a": 20},
-    "tolerances": {"current": 0.01, "hottest_c": 22, "air_stream": 0.02},
+    "supply": {"voltage_v": 11, "current_limit_a": 4, "max_total_current_a": 20},
+    "tolerances": {"current": 0.01, "ambient_max_c": 22, "convection_tolerance": 0.02},
 }
 """So that pulses of 5.5 s at 4 A are allowed, which make the springs hot."""
 
@@ -51,7 +51,7 @@ def driven(folder: Path, **entries: object) -> tuple[RunLog, Rig, Path]:
     path.write_text(yaml.safe_dump(values))
     rig = Rig.load(path)
     schedule = replace(compile_schedule(gait(), rig, (0, 1), cycles=1), settle_s=1.0, conditioning_cycles=0)
-    drive_rig(sealed(schedule, rig), rig, path, folder / "log.mcap")
+    drive_rig(with_digests(schedule, rig), rig, path, folder / "log.mcap")
     return read_log(folder / "log.mcap"), rig, folder / "log.mcap"
 
 

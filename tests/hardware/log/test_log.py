@@ -17,8 +17,8 @@ from mcap.writer import Writer
 from rosbags.highlevel import AnyReader
 
 from eldir.errors import EldirError, InputError
-from hardware.log.reader import _tracks, read_log
-from hardware.log.recorder import Recorder
+from eldir_hardware.log.reader import _tracks, read_log
+from eldir_hardware.log.recorder import Recorder
 from tests.hardware.log.log_contents import EPOCH, NAMES, POSITIONS, picture
 from tests.raised import raises
 
@@ -144,7 +144,7 @@ def test_the_same_run_gives_the_same_bytes(tmp_path: Path) -> None:
 _KILLED = """
 import sys, time
 import numpy as np
-from hardware.log.recorder import Recorder
+from eldir_hardware.log.recorder import Recorder
 with Recorder(sys.argv[1], epoch_ns=int(sys.argv[2])) as log:
     start = time.monotonic()
     while True:
@@ -207,7 +207,7 @@ _FULL = """
 import resource, sys
 import numpy as np
 from eldir.errors import EldirError
-from hardware.log.recorder import Recorder
+from eldir_hardware.log.recorder import Recorder
 resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, 50_000))
 noise = np.random.default_rng(1).integers(0, 255, (48, 64, 3), np.uint8)
 try:

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from eldir.errors import EldirError
-from hardware.log import background
-from hardware.log.background import PICTURES, BackgroundRecorder
-from hardware.log.reader import read_log
-from hardware.log.recorder import Recorder
+from eldir_hardware.log import background
+from eldir_hardware.log.background import PICTURES, BackgroundRecorder
+from eldir_hardware.log.reader import read_log
+from eldir_hardware.log.recorder import Recorder
 from tests.hardware.log.log_contents import EPOCH, NAMES, POSITIONS, picture
 
 

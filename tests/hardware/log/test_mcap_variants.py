@@ -15,11 +15,11 @@ from mcap.writer import CompressionType, IndexType, Writer
 from rosbags.highlevel import AnyReader
 from typer.testing import CliRunner
 
-from eldir.commands.main import application
 from eldir.errors import InputError
-from hardware.log import messages as m
-from hardware.log.reader import contents, read_log
-from hardware.log.recover import Recovered, recover_log
+from eldir_app.application import application
+from eldir_hardware.log import messages as m
+from eldir_hardware.log.reader import contents, read_log
+from eldir_hardware.log.recover import Recovered, recover_log
 from tests.hardware.log.damaged_logs import messages, record
 from tests.raised import raises
 

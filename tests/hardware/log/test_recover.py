@@ -15,12 +15,12 @@ from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
 from eldir.errors import EldirError, InputError
-from hardware.catalogue.facts import read_facts
-from hardware.commands.recover import recover as recover_command
-from hardware.log.bag import log_in
-from hardware.log.reader import contents, read_log
-from hardware.log.recorder import Recorder
-from hardware.log.recover import recover_log
+from eldir_app.catalogue.facts import read_facts
+from eldir_app.commands.recover import recover as recover_command
+from eldir_hardware.log.bag import log_in
+from eldir_hardware.log.reader import contents, read_log
+from eldir_hardware.log.recorder import Recorder
+from eldir_hardware.log.recover import recover_log
 from tests.hardware.log.damaged_logs import kill_and_recover, messages, record
 from tests.hardware.log.log_contents import EPOCH, NAMES, POSITIONS, picture
 from tests.paths import ROOT
@@ -197,8 +197,8 @@ def test_a_second_log_beside_leaves_the_bag_alone(tmp_path: Path) -> None:
 def test_the_foxglove_layout_shows_topics_that_a_log_has(tmp_path: Path) -> None:
     """Every topic and field that its panels name, in a log of the rig that `eldir rig new` writes."""
     from eldir.core.records import FloatArray
-    from hardware.rig.configuration import Rig
-    from hardware.rig.template import virtual_rig
+    from eldir_hardware.rig.configuration import Rig
+    from eldir_hardware.rig.template import virtual_rig
 
     (tmp_path / "rig.yaml").write_text(virtual_rig(1, "design.json"))
     rig = Rig.load(tmp_path / "rig.yaml")
@@ -239,7 +239,7 @@ def _leaves(node: object) -> list[str]:
 
 def test_the_disk_has_it_while_a_program_lives(tmp_path: Path) -> None:
     """Nothing more is recorded after the first second: what was is on the disk all the same."""
-    from hardware.log.background import BackgroundRecorder
+    from eldir_hardware.log.background import BackgroundRecorder
 
     synced: list[int] = []
     real, os.fdatasync = os.fdatasync, lambda fd: synced.append(os.fstat(fd).st_size)

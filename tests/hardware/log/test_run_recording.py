@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from eldir.errors import EldirError
-from hardware.images import jpeg
-from hardware.log import background
-from hardware.log.reader import read_log
-from hardware.log.recorder import Recorder
-from hardware.log.run_recording import AFTER, RunRecording
+from eldir_hardware.images import jpeg
+from eldir_hardware.log import background
+from eldir_hardware.log.reader import read_log
+from eldir_hardware.log.recorder import Recorder
+from eldir_hardware.log.run_recording import AFTER, RunRecording
 from tests.hardware.log.log_contents import EPOCH, NAMES, POSITIONS, picture
 from tests.raised import raises
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from hardware.vision.virtual_camera import VirtualCamera
+from eldir_hardware.vision.virtual_camera import VirtualCamera
 
 WOODS = {
     "pine": (222, 184, 135),

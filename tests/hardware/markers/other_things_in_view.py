@@ -7,9 +7,9 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from calibration.camera.plane import Image
-from hardware.markers.mark_sheet import PALETTE, nominal_bgr
-from hardware.vision.virtual_camera import VirtualCamera
+from eldir_hardware.camera.plane import Image
+from eldir_hardware.markers.mark_sheet import PALETTE, nominal_bgr
+from eldir_hardware.vision.virtual_camera import VirtualCamera
 from tests.hardware.vision.walking_films import BODY, MARKED, SPACE, SPRINGS, cover, film, walk
 
 

@@ -8,14 +8,14 @@ import cv2
 import numpy as np
 import pytest
 
-from calibration.camera.plane import Image, Plane
-from calibration.camera.tags import calibrate_plane
 from eldir.errors import InputError
-from hardware.images import jpeg
-from hardware.markers.colour import ColourModel
-from hardware.markers.discs import DiscTracker
-from hardware.vision.pipeline import track_discs
-from hardware.vision.virtual_camera import VirtualCamera
+from eldir_hardware.camera.plane import Image, Plane
+from eldir_hardware.camera.tags import calibrate_plane
+from eldir_hardware.images import jpeg
+from eldir_hardware.markers.colour import ColourModel
+from eldir_hardware.markers.discs import DiscTracker
+from eldir_hardware.vision.pipeline import track_discs
+from eldir_hardware.vision.virtual_camera import VirtualCamera
 from tests.hardware.emulated_rigs import each_once
 from tests.hardware.markers.backdrops import CLOTHS, WOODS, before, cloth, wood
 from tests.hardware.vision.walking_films import (

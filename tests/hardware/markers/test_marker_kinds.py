@@ -13,27 +13,27 @@ import numpy as np
 import pytest
 import typer
 
-from calibration.camera.tags import calibrate_plane
 from eldir.core.yaml_files import parse_yaml
 from eldir.errors import InputError
 from eldir.lattice import Lattice
 from eldir.trajectory import Trajectory
-from hardware.analysis.motions import filmed
-from hardware.analysis.recorded_run import open_run
-from hardware.commands.markers import markers as markers_command
-from hardware.commands.track import track as track_command
-from hardware.log.recorder import Recorder
-from hardware.markers.registration import kinds, marker_kind
-from hardware.markers.sheet import _raster
-from hardware.planning.compiler import compile_schedule
-from hardware.rig.configuration import Rig
-from hardware.rig.template import virtual_rig
-from hardware.run.drive import drive_rig
-from hardware.safety.schedule_digests import sealed
-from hardware.virtual.rig import BodyFrame
-from hardware.vision.live_tracking import LiveTracker
-from hardware.vision.pipeline import follow
-from hardware.vision.virtual_camera import VirtualCamera
+from eldir_app.commands.markers import markers as markers_command
+from eldir_app.commands.track import track as track_command
+from eldir_calibration.comparison.motions import filmed
+from eldir_calibration.comparison.recorded_run import open_run
+from eldir_hardware.camera.tags import calibrate_plane
+from eldir_hardware.log.recorder import Recorder
+from eldir_hardware.markers.registration import kinds, marker_kind
+from eldir_hardware.markers.sheet import _raster
+from eldir_hardware.planning.compiler import compile_schedule
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.rig.template import virtual_rig
+from eldir_hardware.run.drive import drive_rig
+from eldir_hardware.safety.schedule_digests import with_digests
+from eldir_hardware.virtual.rig import BodyFrame
+from eldir_hardware.vision.live_tracking import LiveTracker
+from eldir_hardware.vision.pipeline import follow
+from eldir_hardware.vision.virtual_camera import VirtualCamera
 from tests.eldir.random_design import make_design
 from tests.hardware.markers.other_things_in_view import reflect
 from tests.hardware.rigs_and_schedules import gait
@@ -174,7 +174,7 @@ def test_squares_go_through_the_whole_circle(kind: str, tmp_path: Path) -> None:
     short = replace(compile_schedule(gait(), rig, springs=springs), cycles=1, conditioning_cycles=0)
     truth_of: list[BodyFrame] = []
     log = tmp_path / "log.mcap"
-    drive_rig(sealed(short, rig, design), rig, tmp_path / "rig.yaml", log, see=truth_of.append)
+    drive_rig(with_digests(short, rig, design), rig, tmp_path / "rig.yaml", log, see=truth_of.append)
     true = np.array([frame.positions[design.marks] for frame in truth_of])
 
     report = filmed(open_run(log, design), lambda frames: None)
@@ -185,7 +185,7 @@ def test_squares_go_through_the_whole_circle(kind: str, tmp_path: Path) -> None:
     assert np.sqrt(np.nanmean(error**2)) < 3e-4
     assert min(report.quality.seen) > 0.9
 
-    command = [sys.executable, "-m", "hardware.watch.marks", str(log)]
+    command = [sys.executable, "-m", "eldir_app.watch.marks", str(log)]
     live = subprocess.run(command, capture_output=True, text=True, timeout=300, check=True)
     rows = [json.loads(line) for line in live.stdout.splitlines()]
     places = [row for row in rows if isinstance(row, list)]

@@ -9,12 +9,12 @@ from functools import cache
 import numpy as np
 import pytest
 
-from calibration.camera.plane import Image
-from calibration.camera.tags import calibrate_plane
 from eldir.errors import InputError
-from hardware.images import jpeg
-from hardware.vision.pipeline import Followed, follow
-from hardware.vision.virtual_camera import VirtualCamera
+from eldir_hardware.camera.plane import Image
+from eldir_hardware.camera.tags import calibrate_plane
+from eldir_hardware.images import jpeg
+from eldir_hardware.vision.pipeline import TrackingResult, follow
+from eldir_hardware.vision.virtual_camera import VirtualCamera
 from tests.hardware.emulated_rigs import each_once
 from tests.hardware.markers.other_things_in_view import add_cap, disturbed_film, lamp, park, reflect, shifted
 from tests.hardware.vision.walking_films import (
@@ -60,12 +60,12 @@ def a_camera() -> VirtualCamera:
     return copy.deepcopy(_first_camera())
 
 
-def watched(camera: VirtualCamera, frames: list[tuple[float, Image]]) -> Followed:
+def watched(camera: VirtualCamera, frames: list[tuple[float, Image]]) -> TrackingResult:
     images = [(t, jpeg.decode(jpeg.encode(image))) for t, image in frames]
     return follow(images, calibrate_plane([f for _, f in images[:4]], camera.board), NAMES, LAYOUT)
 
 
-def worst(found: Followed, times: np.ndarray = FRAMES) -> float:
+def worst(found: TrackingResult, times: np.ndarray = FRAMES) -> float:
     """Largest distance from the truth [m]."""
     return float(np.nanmax(np.linalg.norm(found.trajectory.positions - truth(times), axis=-1)))
 

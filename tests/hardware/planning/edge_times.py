@@ -14,15 +14,15 @@ from typing import NamedTuple
 import numpy as np
 
 from eldir.core.records import FloatArray
-from hardware.clock import WallClock
-from hardware.guardian.client import Guardian
-from hardware.planning.compiler import compile_schedule
-from hardware.run.player import Player
+from eldir_hardware.clock import WallClock
+from eldir_hardware.guardian.client import Guardian
+from eldir_hardware.planning.compiler import compile_schedule
+from eldir_hardware.run.player import Player
 from tests.hardware.rigs_and_schedules import gait, rig_with
 
 PULSE = 0.5
 """Of every pulse that is played [s]."""
-_EMULATE = "from hardware.commands.rig import rig; rig()"
+_EMULATE = "from eldir_app.commands.rig import rig; rig()"
 
 
 class EdgeTimes(NamedTuple):
@@ -52,7 +52,7 @@ def measure(kind: str, cycles: int = 14) -> EdgeTimes:
 
     The board runs in real time where that is permitted: a real one does not wait for this computer.
     """
-    rig = rig_with(limits={"least_off_s": 0.3}, board={"kind": kind, "second_flash": "restarts"})
+    rig = rig_with(limits={"min_off_s": 0.3}, board={"kind": kind, "retriggerable": True})
     schedule = compile_schedule(gait(duty=(0.25, 0.25), period=2.0, phase=(0.0, 0.4)), rig, cycles=cycles)
     with tempfile.TemporaryDirectory() as folder:
         trace = Path(folder) / "edges.jsonl"

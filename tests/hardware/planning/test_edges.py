@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hardware.guardian.pulse_controller import PulseController
-from hardware.planning.precision import remark
-from hardware.relay.registration import kinds
-from hardware.virtual.rig import VirtualRig
+from eldir_hardware.guardian.pulse_controller import PulseController
+from eldir_hardware.planning.precision import remark
+from eldir_hardware.relay.registration import kinds
+from eldir_hardware.virtual.rig import VirtualRig
 from tests.hardware.rigs_and_schedules import SCHEDULE, rig_with
 from tests.hardware.virtual.piston_and_observer import Piston
 
@@ -30,8 +30,8 @@ def test_edges_are_where_the_protocol_lets_them_be(kind):
     rng = np.random.default_rng(8)
     rig = rig_with(
         supply={"current_limit_a": 1.5},
-        limits={"least_off_s": 0.3},
-        board={"kind": kind, "second_flash": "restarts"},
+        limits={"min_off_s": 0.3},
+        board={"kind": kind, "retriggerable": True},
     )
     with VirtualRig(rig, Piston()) as virtual:
         bank = PulseController(virtual.board, rig, virtual.clock)
@@ -39,11 +39,11 @@ def test_edges_are_where_the_protocol_lets_them_be(kind):
         with bank.armed():
             for _ in range(12):
                 length = rng.uniform(0.2, 1.2)
-                bank.rest_until(at - rng.uniform(0.3, 0.4), lambda report: None)
+                bank.wait_until(at - rng.uniform(0.3, 0.4), lambda report: None)
                 bank.heat(at, {2: length, 3: length})
                 wanted += [(at, True), (at + length, False)]
                 at += length + rng.uniform(0.5, 1.5)
-            bank.rest_until(at, lambda report: None)
+            bank.wait_until(at, lambda report: None)
         edges = virtual.emulator.edges
     assert len(edges) == 2 * len(wanted)
     for (instant, closed), pair in zip(wanted, zip(edges[::2], edges[1::2], strict=True), strict=True):
@@ -56,13 +56,13 @@ def test_edges_are_where_the_protocol_lets_them_be(kind):
 def test_what_closes_as_another_opens():
     """One frame where a mask does both; and more heats at no moment than is allowed."""
     for kind, frames in (("numato", 1), ("lcus", 2)):
-        rig = rig_with(board={"kind": kind}, supply={"budget_a": 4}, limits={"least_off_s": 0.3})
+        rig = rig_with(board={"kind": kind}, supply={"max_total_current_a": 4}, limits={"min_off_s": 0.3})
         with VirtualRig(rig, Piston()) as virtual:
             bank = PulseController(virtual.board, rig, virtual.clock)
             with bank.armed():
                 bank.heat(1.0, {1: 2.0})
                 bank.heat(3.0, {2: 1.0})
-                bank.rest_until(5.0, lambda report: None)
+                bank.wait_until(5.0, lambda report: None)
             found = [(e.channel, e.closed, e.t) for e in virtual.emulator.edges]
         assert [f[:2] for f in found] == [(1, True), (1, False), (2, True), (2, False)]
         assert found[2][2] - found[1][2] == pytest.approx((frames - 1) * 4 * BYTE, abs=1e-6)

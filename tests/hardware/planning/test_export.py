@@ -12,17 +12,17 @@ import pytest
 import trimesh
 from typer.testing import CliRunner
 
-from cad.kit.printer import load_printer
-from cad.kit.specification import load_specification
-from cad.multibody.model import multibody
-from eldir.commands.main import application
 from eldir.errors import EldirError
 from eldir.lattice import Lattice
 from eldir.parameters.springs import SpringParameters
-from hardware.planning.compiler import compile_schedule
-from hardware.planning.model_export import INTERVAL, free_lengths_of
-from hardware.schedule import ActuationSchedule
-from hardware.virtual.mujoco_body import MujocoMotion
+from eldir_app.application import application
+from eldir_cad.kit.printer import load_printer
+from eldir_cad.kit.specification import load_specification
+from eldir_cad.multibody.model import multibody
+from eldir_hardware.planning.compiler import compile_schedule
+from eldir_hardware.planning.model_export import INTERVAL, free_lengths_of
+from eldir_hardware.schedule import ActuationSchedule
+from eldir_hardware.virtual.mujoco_body import MujocoMotion
 from tests.eldir.random_design import make_design
 from tests.hardware.rigs_and_schedules import gait, rig_with
 
@@ -51,7 +51,7 @@ def folder(schedule: ActuationSchedule, tmp_path_factory: pytest.TempPathFactory
     where = tmp_path_factory.mktemp("export")
     DESIGN.save(where / "design.json")
     schedule.save(where / "schedule.json")
-    code = "import sys; sys.modules['mujoco'] = None; from eldir.commands.main import main; main()"
+    code = "import sys; sys.modules['mujoco'] = None; from eldir_app.main import main; main()"
     arguments = ["export", "design.json", "--schedule", "schedule.json", "--out", "robot.xml"]
     subprocess.run([sys.executable, "-c", code, *arguments], cwd=where, check=True, capture_output=True)
     return where

@@ -12,17 +12,17 @@ from typer.testing import CliRunner
 
 from eldir.errors import InputError
 from eldir.lattice import Lattice
-from hardware.commands.rig import rig as command
-from hardware.guardian.pulse_controller import PulseController
-from hardware.log.reader import read_log
-from hardware.planning.hold import SHORTEST, held, hold_schedule
-from hardware.rig.configuration import Rig
-from hardware.rig.supply import LimitError
-from hardware.rig.template import virtual_rig
-from hardware.run.player import Player
-from hardware.safety.schedule_digests import MismatchError, require_made_for
-from hardware.schedule import ActuationSchedule
-from hardware.virtual.rig import VirtualRig
+from eldir_app.commands.rig import rig as command
+from eldir_hardware.guardian.pulse_controller import PulseController
+from eldir_hardware.log.reader import read_log
+from eldir_hardware.planning.hold import SHORTEST, held, hold_schedule
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.rig.supply import LimitError
+from eldir_hardware.rig.template import virtual_rig
+from eldir_hardware.run.player import Player
+from eldir_hardware.safety.schedule_digests import MismatchError, require_made_for
+from eldir_hardware.schedule import ActuationSchedule
+from eldir_hardware.virtual.rig import VirtualRig
 from tests.eldir.random_design import make_design
 from tests.hardware.rigs_and_schedules import rig_with
 from tests.hardware.virtual.piston_and_observer import Notes, Piston
@@ -35,7 +35,7 @@ THERMAL = {"kind": "thermal", "opens_at_c": 85.0}
 def bench(board: str = "mosfet", least_off: float = 0.5, **changes: object) -> Rig:
     """With thermal switches: a timer relay that allows a cold spring 6 s allows a warm one less."""
     values = rig_with(board={"kind": board}, **changes).model_dump() | {"cutoff": THERMAL}
-    values["limits"]["least_off_s"] = least_off
+    values["limits"]["min_off_s"] = least_off
     return Rig.from_json(values)
 
 
@@ -44,7 +44,7 @@ def test_springs_are_held_where_heat_and_loss_balance(board):
     """On any board, played with the guardian's limits. The timer of `modbus` has steps of 0.1 s."""
     rig = bench(board)
     if board == "modbus":
-        rig = rig.model_copy(update={"board": rig.board.model_copy(update={"second_flash": "restarts"})})
+        rig = rig.model_copy(update={"board": rig.board.model_copy(update={"retriggerable": True})})
     schedule = hold_schedule(DESIGN, rig, 0.3, 90.0)
     usual, notes = rig.spring_parameters(), Notes()
     with VirtualRig(rig, Piston()) as virtual:
@@ -92,14 +92,17 @@ def test_no_limit_is_left_out():
     for rig, power, code in (
         (bench(), 0.7, "duty"),
         (bench(limits={"duty": 0.2}), 0.3, "duty"),
-        (bench(limits={"duty": 1.0, "ceiling_c": 65}), 0.5, "too-hot"),
-        (bench(supply={"budget_a": 7}), 0.3, "supply"),
+        (bench(limits={"duty": 1.0, "max_temperature_c": 65}), 0.5, "too-hot"),
+        (bench(supply={"max_total_current_a": 7}), 0.3, "supply"),
         (bench(least_off=30.0), 0.3, "long-pulse"),
-        (rig_with(limits={"least_off_s": 0.5}), 0.3, "stuck-contact"),
+        (rig_with(limits={"min_off_s": 0.5}), 0.3, "stuck-contact"),
     ):
         with raises(LimitError, f"limit.{code}"):
             hold_schedule(DESIGN, rig, power, 60.0)
-    assert hold_schedule(DESIGN, bench(supply={"budget_a": 7.5}), 0.3, 60.0, [1]).channels == (3, 4)
+    assert hold_schedule(DESIGN, bench(supply={"max_total_current_a": 7.5}), 0.3, 60.0, [1]).channels == (
+        3,
+        4,
+    )
 
 
 @pytest.mark.parametrize(
@@ -122,7 +125,7 @@ def run(*words: object):
 def test_a_user_holds_the_springs_of_a_virtual_rig(tmp_path: Path):
     """Both commands: the schedule is taken without a reason, and only by the rig that it was made for."""
     values = yaml.safe_load(virtual_rig(board="mosfet", design="design.json"))
-    values["limits"] |= {"least_off_s": 0.5}
+    values["limits"] |= {"min_off_s": 0.5}
     values |= {"cutoff": THERMAL}
     values.pop("camera")
     (tmp_path / "rig.yaml").write_text(yaml.safe_dump(values))

@@ -8,12 +8,12 @@ import pytest
 from eldir.built.heat import HeatModel
 from eldir.built.samples import SampledWalks
 from eldir.lattice import Lattice
-from hardware.planning import plan as planning
-from hardware.planning.compiler import compile_schedule
-from hardware.planning.heat_preview import describe_walk, heat_figure, predicted_cycle
-from hardware.planning.timing import own_timing
-from hardware.rig.supply import LimitError
-from hardware.schedule_prediction import PredictedWalk, SchedulePrediction
+from eldir_hardware.planning import plan as planning
+from eldir_hardware.planning.compiler import compile_schedule
+from eldir_hardware.planning.heat_preview import describe_walk, heat_figure, predicted_cycle
+from eldir_hardware.planning.timing import own_timing
+from eldir_hardware.rig.supply import LimitError
+from eldir_hardware.schedule_prediction import PredictedWalk, SchedulePrediction
 from tests.eldir.random_design import make_design
 from tests.hardware.rigs_and_schedules import gait, rig_with
 from tests.raised import raises
@@ -26,8 +26,8 @@ def test_the_own_timing_uses_the_stroke_that_the_worst_corner_leaves(current, lo
     """Nominal springs come within 3 K of Af, where a twentieth of the stroke is left, and below Mf again."""
     rig = rig_with(
         supply={"current_limit_a": current},
-        limits={"longest_on_s": longest},
-        cutoff={"longest_on_s": longest + 0.2},
+        limits={"max_on_s": longest},
+        cutoff={"max_on_s": longest + 0.2},
     )
     springs = rig.spring_parameters()
     period, duty = own_timing(springs, rig, 2)
@@ -44,9 +44,9 @@ def test_springs_that_cool_for_minutes_are_refused_at_once():
     rig = rig_with(
         fan=None,
         springs={"wire_diameter_mm": 3.0, "coil_diameter_mm": 12.0, "resistance_ohm": 0.1139},
-        supply={"current_limit_a": 9.0, "budget_a": 40},
-        limits={"longest_on_s": 60.0, "duty": 1.0},
-        cutoff={"longest_on_s": 60.2},
+        supply={"current_limit_a": 9.0, "max_total_current_a": 40},
+        limits={"max_on_s": 60.0, "duty": 1.0},
+        cutoff={"max_on_s": 60.2},
     )
     with raises(LimitError, "limit.slow-springs", match="at most 120 s; found [0-9]+ s .*fan"):
         planning.plan(make_design(3, Lattice(3, 6)), rig)
@@ -56,7 +56,7 @@ def test_the_current_budget_lengthens_the_period():
     """Four springs of 4 A: all at once with 16 A, one after another with 4."""
     springs = RIG.spring_parameters()
     free, _ = own_timing(springs, RIG, 2)
-    bound, duty = own_timing(springs, rig_with(supply={"budget_a": 4}), 2)
+    bound, duty = own_timing(springs, rig_with(supply={"max_total_current_a": 4}), 2)
     assert bound >= free and bound >= 4 * duty * bound * 0.999
 
 

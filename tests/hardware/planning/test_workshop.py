@@ -7,18 +7,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cad.checks.buildability import check
-from cad.kit.printer import load_printer
-from cad.kit.specification import load_specification
 from eldir.built.gait import Gait
 from eldir.errors import InputError
 from eldir.evolution.printed import defaults
-from eldir.evolution.printed.workshop import installed_workshop
-from hardware.planning.compiler import compile_schedule
-from hardware.planning.workshop import allowed_timings, workshop
-from hardware.rig.configuration import Rig
-from hardware.rig.template import virtual_rig
-from hardware.safety.limits import LimitError
+from eldir_cad.checks.buildability import check
+from eldir_cad.kit.printer import load_printer
+from eldir_cad.kit.specification import load_specification
+from eldir_hardware.planning.compiler import compile_schedule
+from eldir_hardware.planning.workshop import allowed_timings, workshop
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.rig.template import virtual_rig
+from eldir_hardware.safety.limits import LimitError
 from tests.cad.drawn_bodies import TOWER, WHEEL, design
 from tests.hardware.rigs_and_schedules import rig_with
 from tests.raised import raises
@@ -46,7 +45,7 @@ def test_without_a_rig_the_springs_are_those_of_the_template(template: Path) -> 
 
 
 def test_a_rig_with_tighter_limits_allows_less() -> None:
-    tight = rig_with(limits={"longest_on_s": 5.2})
+    tight = rig_with(limits={"max_on_s": 5.2})
     found = allowed_timings(tight)
     assert found and all(t.heating <= 5.2 + 1e-9 for t in found)
     for t in found:
@@ -56,7 +55,7 @@ def test_a_rig_with_tighter_limits_allows_less() -> None:
 
 
 def test_the_build_filter_refuses() -> None:
-    given = installed_workshop()
+    given = workshop()
     printer = load_printer()
     for body in (design(*TOWER).morphology, design(*WHEEL).morphology):
         kinds = [

@@ -5,11 +5,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hardware.clock import VirtualClock
-from hardware.relay import feedback, gd32, lcus, modbus, mosfet, numato, sainsmart
-from hardware.relay.errors import ContactError, GarbledReplyError, SilentBoardError
-from hardware.relay.line import SerialLine
-from hardware.rig.boards import driver_of, emulator_of
+from eldir_hardware.clock import VirtualClock
+from eldir_hardware.relay import feedback, gd32, lcus, modbus, mosfet, numato, sainsmart
+from eldir_hardware.relay.errors import ContactError, GarbledReplyError, SilentBoardError
+from eldir_hardware.relay.line import SerialLine
+from eldir_hardware.rig.boards import driver_of, emulator_of
 
 
 class Answer(NamedTuple):

@@ -7,13 +7,13 @@ from contextlib import suppress
 
 import pytest
 
-from hardware.relay.asked import AskedBoard
-from hardware.relay.errors import ContactError, GarbledReplyError, NotProvenOffError
-from hardware.relay.registration import board_of, kinds
-from hardware.relay.sainsmart import parse_ascii_coils
-from hardware.rig.boards import driver_of
-from hardware.testing.damaged_wire import Damage, wired
-from hardware.testing.powered_board import close_contacts
+from eldir_hardware.relay.errors import ContactError, GarbledReplyError, NotProvenOffError
+from eldir_hardware.relay.per_channel_query import PerChannelQueryBoard
+from eldir_hardware.relay.registration import board_of, kinds
+from eldir_hardware.relay.sainsmart import parse_ascii_coils
+from eldir_hardware.rig.boards import driver_of
+from eldir_hardware.testing.damaged_wire import Damage, wired
+from eldir_hardware.testing.powered_board import close_contacts
 
 CHANNELS, RELAYS = 4, 8
 ANSWER = {"feedback": 4, "gd32": 9, "lcus": 40, "modbus": 7, "mosfet": 25, "numato": 19, "sainsmart": 17}
@@ -140,7 +140,7 @@ def test_a_closed_contact_beyond_the_rig_file_is_named(kind):
     board.all_off()
     assert emulated.contacts == (False,) * RELAYS
     close_contacts(emulated, [7])
-    if issubclass(driver_of(kind), AskedBoard):  # while heating only the channels in use are asked
+    if issubclass(driver_of(kind), PerChannelQueryBoard):  # while heating only the channels in use are asked
         assert board.verify() == (False,) * CHANNELS
     else:
         with pytest.raises(ContactError, match="contact 7 is closed; the rig file says 4 channels"):

@@ -14,9 +14,9 @@ from contextlib import contextmanager
 
 import pytest
 
-from hardware.relay.registration import kinds
-from hardware.rig.boards import driver_of
-from hardware.testing.powered_board import close_contacts
+from eldir_hardware.relay.registration import kinds
+from eldir_hardware.rig.boards import driver_of
+from eldir_hardware.testing.powered_board import close_contacts
 from tests.hardware.emulated_rigs import each_once, emulated, heating_program, rig_file, wait
 from tests.hardware.relay.held_serial_output import NUMBERS, HeldUart
 
@@ -68,7 +68,7 @@ def test_a_device_that_takes_no_more_bytes_is_said_at_once(tmp_path, kind):
     """Nothing but the board's own timer and the cut-off opens the contacts: the words must not wait.
 
     Without a timer, with one, and with a heartbeat of its own. All boards write by way of
-    `hardware.serial_output`.
+    `eldir_hardware.serial_output`.
     """
     with emulated(kind) as board, HeldUart(board.port) as uart:
         rig = rig_file(tmp_path / "rig.yaml", kind, board.port)

@@ -2,9 +2,9 @@
 
 import pytest
 
-from hardware.relay import feedback, gd32, lcus, modbus, numato, sainsmart
-from hardware.relay.errors import ContactError, GarbledReplyError
-from hardware.testing.powered_board import powered
+from eldir_hardware.relay import feedback, gd32, lcus, modbus, numato, sainsmart
+from eldir_hardware.relay.errors import ContactError, GarbledReplyError
+from eldir_hardware.testing.powered_board import powered
 
 RTU = modbus.rtu_checksum
 

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from eldir.errors import InputError
-from hardware.relay.board import RelayBoard
-from hardware.relay.errors import ContactError, GarbledReplyError, NotProvenOffError, SilentBoardError
-from hardware.relay.registration import kinds
-from hardware.rig.boards import driver_of
-from hardware.testing.powered_board import close_contacts, pass_time, powered
+from eldir_hardware.relay.board import RelayBoard
+from eldir_hardware.relay.errors import ContactError, GarbledReplyError, NotProvenOffError, SilentBoardError
+from eldir_hardware.relay.registration import kinds
+from eldir_hardware.rig.boards import driver_of
+from eldir_hardware.testing.powered_board import close_contacts, pass_time, powered
 from tests.raised import raises
 
 KINDS = kinds()

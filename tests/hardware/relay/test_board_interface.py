@@ -2,11 +2,11 @@
 
 import pytest
 
-from hardware.clock import VirtualClock
-from hardware.relay.errors import ContactError, GarbledReplyError, NotProvenOffError
-from hardware.relay.registration import board_of, kinds
-from hardware.rig.boards import driver_of
-from hardware.testing.powered_board import close_contacts, pass_time, powered
+from eldir_hardware.clock import VirtualClock
+from eldir_hardware.relay.errors import ContactError, GarbledReplyError, NotProvenOffError
+from eldir_hardware.relay.registration import board_of, kinds
+from eldir_hardware.rig.boards import driver_of
+from eldir_hardware.testing.powered_board import close_contacts, pass_time, powered
 
 KINDS = kinds()
 

@@ -8,11 +8,11 @@ from contextlib import contextmanager, suppress
 
 import pytest
 
-from hardware.clock import VirtualClock, WallClock
-from hardware.relay.errors import BlockedPortError, GarbledReplyError, PortError, SilentBoardError
-from hardware.relay.line import SerialLine, _reason
-from hardware.relay.registration import kinds
-from hardware.testing.powered_board import powered
+from eldir_hardware.clock import VirtualClock, WallClock
+from eldir_hardware.relay.errors import BlockedPortError, GarbledReplyError, PortError, SilentBoardError
+from eldir_hardware.relay.line import SerialLine, _reason
+from eldir_hardware.relay.registration import kinds
+from eldir_hardware.testing.powered_board import powered
 
 
 @contextmanager

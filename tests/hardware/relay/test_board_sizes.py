@@ -4,18 +4,18 @@ import re
 
 import pytest
 
-from hardware.clock import VirtualClock, WallClock
-from hardware.relay.a0 import a0_frame
-from hardware.relay.errors import GarbledReplyError, NotProvenOffError, RelayError, SilentBoardError
-from hardware.relay.feedback import FeedbackBoard
-from hardware.relay.lcus import LcusBoard, parse_report
-from hardware.relay.line import SerialLine
-from hardware.relay.numato import NumatoBoard, parse_answer
-from hardware.relay.off_frames import RecordedLine, off_bursts, off_frames
-from hardware.relay.registration import board_of
-from hardware.relay.sainsmart import parse_ascii_coils
-from hardware.testing.damaged_wire import wired
-from hardware.testing.powered_board import close_contacts, powered
+from eldir_hardware.clock import VirtualClock, WallClock
+from eldir_hardware.relay.a0 import a0_frame
+from eldir_hardware.relay.errors import GarbledReplyError, NotProvenOffError, RelayError, SilentBoardError
+from eldir_hardware.relay.feedback import FeedbackBoard
+from eldir_hardware.relay.lcus import LcusBoard, parse_report
+from eldir_hardware.relay.line import SerialLine
+from eldir_hardware.relay.numato import NumatoBoard, parse_answer
+from eldir_hardware.relay.off_frames import RecordedLine, off_bursts, off_frames
+from eldir_hardware.relay.registration import board_of
+from eldir_hardware.relay.sainsmart import parse_ascii_coils
+from eldir_hardware.testing.damaged_wire import wired
+from eldir_hardware.testing.powered_board import close_contacts, powered
 from tests.hardware.emulated_rigs import emulated, run
 
 MOST = {"feedback": 16, "gd32": 14, "lcus": 8, "modbus": 16, "mosfet": 16, "numato": 16, "sainsmart": 16}

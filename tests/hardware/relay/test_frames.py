@@ -8,18 +8,22 @@ from contextlib import contextmanager
 
 import pytest
 
-from hardware.clock import WallClock
-from hardware.emulator.board import EmulatedBoard
-from hardware.emulator.current_sensor import EmulatedCurrentSensor
-from hardware.relay.board import Terms
-from hardware.relay.errors import SilentBoardError
-from hardware.relay.registration import kinds
-from hardware.rig.boards import driver_of, emulator_of
-from hardware.safety.unlocked_port import UnlockedPort
-from hardware.sensor.driver import CurrentSensor
+from eldir_hardware.clock import WallClock
+from eldir_hardware.emulator.board import EmulatedBoard
+from eldir_hardware.emulator.current_sensor import EmulatedCurrentSensor
+from eldir_hardware.relay.board import RunRequirements
+from eldir_hardware.relay.errors import SilentBoardError
+from eldir_hardware.relay.registration import kinds
+from eldir_hardware.rig.boards import driver_of, emulator_of
+from eldir_hardware.safety.unlocked_port import UnlockedPort
+from eldir_hardware.sensor.driver import CurrentSensor
 from tests.hardware.emulated_rigs import wait
 
-LINE, SENSOR, UNLOCKED = "hardware.relay.line", "hardware.sensor.driver", "hardware.safety.unlocked_port"
+LINE, SENSOR, UNLOCKED = (
+    "eldir_hardware.relay.line",
+    "eldir_hardware.sensor.driver",
+    "eldir_hardware.safety.unlocked_port",
+)
 
 
 def recording(emulator: type[EmulatedBoard]) -> type[EmulatedBoard]:
@@ -72,7 +76,7 @@ def test_the_log_has_the_bytes_of_the_board(kind, log):
     channels = 4
     with served(recording(emulator_of(kind))(channels, WallClock())) as board:
         driver = driver_of(kind)(board.port, channels, WallClock())
-        driver.agree(Terms(5.0, 0.5, frozenset(range(1, channels + 1)), frozenset()))
+        driver.check_limits(RunRequirements(5.0, 0.5, frozenset(range(1, channels + 1)), frozenset()))
         driver.all_off()
         driver.switch({1: True, 3: True})
         driver.switch({1: False})

@@ -13,23 +13,23 @@ import pytest
 
 from eldir.built.heat import HeatModel
 from eldir.errors import EldirError, InputError
-from hardware.clock import VirtualClock, WallClock
-from hardware.doctor.checks import examine
-from hardware.doctor.flash import measure_second_flash
-from hardware.emulator.mosfet import EmulatedMosfet
-from hardware.firmware import limits
-from hardware.guardian.client import Guardian
-from hardware.guardian.pulse_controller import PulseController
-from hardware.relay.errors import ContactError, GarbledReplyError
-from hardware.relay.mosfet import MosfetBoard
-from hardware.rig.boards import second_flash_of, terms_of
-from hardware.rig.configuration import Rig
-from hardware.rig.sections import ContactorEntry
-from hardware.rig.supply import LimitError
-from hardware.rig.template import real_rig, virtual_rig
-from hardware.safety.latch import stop_of, unlatch
-from hardware.safety.stuck_contact import check_board
-from hardware.virtual.rig import VirtualRig
+from eldir_app.doctor.checks import examine
+from eldir_app.doctor.retrigger import measure_retriggerable
+from eldir_hardware.clock import VirtualClock, WallClock
+from eldir_hardware.emulator.mosfet import EmulatedMosfet
+from eldir_hardware.firmware import limits
+from eldir_hardware.guardian.client import Guardian
+from eldir_hardware.guardian.pulse_controller import PulseController
+from eldir_hardware.relay.errors import ContactError, GarbledReplyError
+from eldir_hardware.relay.mosfet import MosfetBoard
+from eldir_hardware.rig.boards import is_retriggerable, requirements_of
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.rig.sections import ContactorEntry
+from eldir_hardware.rig.supply import LimitError
+from eldir_hardware.rig.template import real_rig, virtual_rig
+from eldir_hardware.safety.latch import stop_of, unlatch
+from eldir_hardware.safety.stuck_contact import check_board
+from eldir_hardware.virtual.rig import VirtualRig
 from tests.forked_programs import Forked
 from tests.hardware.emulated_rigs import rig_file, run, wait
 from tests.hardware.firmware.mosfet_host import frame
@@ -95,7 +95,7 @@ def test_a_brown_out_and_a_hung_program_are_noticed_and_end_the_run(fault: str) 
         virtual.clock.at(struck, lambda t: getattr(virtual.emulator, fault)())
         with pytest.raises(EldirError) as told, bank.armed():
             bank.heat(virtual.clock.now() + 0.5, {1: 5.0, 2: 5.0})
-            bank.rest_until(virtual.clock.now() + 6.0, lambda report: None)
+            bank.wait_until(virtual.clock.now() + 6.0, lambda report: None)
         virtual.clock.sleep_until(struck + 0.5)  # the board's own time; nobody talks to it any more
         assert not any(virtual.emulator.contacts)
         last = max(e.t for e in virtual.emulator.edges)
@@ -159,7 +159,7 @@ def test_a_gate_that_does_not_follow_is_read_back() -> None:
     ("change", "steady", "code", "message"),
     [
         (
-            {"limits": {"longest_on_s": 6.15}, "cutoff": None},
+            {"limits": {"max_on_s": 6.15}, "cutoff": None},
             (),
             "limits",
             "the longest pulse; expected 6.1 s",
@@ -186,7 +186,7 @@ def test_a_rig_file_looser_than_the_board_does_not_arm(change, steady, code, mes
     with bench(channels=8) as (emulated, board, _):
         board.channels = rig.board.channels
         with raises(InputError, f"board.other-{code}", match=message):
-            board.agree(terms_of(rig))
+            board.check_limits(requirements_of(rig))
         assert emulated.edges == []
 
 
@@ -206,7 +206,7 @@ def test_a_fan_on_a_steady_channel_runs_while_the_springs_rest(monkeypatch) -> N
     with VirtualRig(rig, Piston()) as virtual:
         bank = PulseController(virtual.board, rig, virtual.clock)
         with bank.armed():
-            bank.rest_until(virtual.clock.now() + 15.0, lambda report: None)
+            bank.wait_until(virtual.clock.now() + 15.0, lambda report: None)
             assert virtual.emulator.contacts == (False, False, False, False, True)
         assert [e.closed for e in virtual.emulator.edges] == [True, False]
 
@@ -222,11 +222,11 @@ def test_it_needs_a_cutoff_as_any_board_does_and_cannot_be_its_own() -> None:
 
 def test_its_second_pulse_need_not_be_measured_but_can_be() -> None:
     check_board(RIG)
-    assert second_flash_of(RIG) == "restarts", "pulses are sent in short steps, as they are repeated"
+    assert is_retriggerable(RIG) is True, "pulses are sent in short steps, as they are repeated"
     for text in (virtual_rig(board="mosfet"), real_rig("mosfet", "/dev/ttyACM0")):
-        assert "\n  second_flash:" not in text
+        assert "\n  retriggerable:" not in text
     with bench() as (_, board, clock):
-        assert measure_second_flash(board, clock, 1) == "restarts"
+        assert measure_retriggerable(board, clock, 1) is True
 
 
 def test_the_guardian_refuses_such_a_rig_file_and_latches_nothing(tmp_path) -> None:
@@ -363,8 +363,8 @@ _WITHIN = 0.8  # 0.4 s by the board's clock; the rest is for a machine too busy 
 
 HOLD = """
 import sys, time
-from hardware.clock import WallClock
-from hardware.relay.mosfet import MosfetBoard
+from eldir_hardware.clock import WallClock
+from eldir_hardware.relay.mosfet import MosfetBoard
 board = MosfetBoard(sys.argv[1], 4, WallClock())
 board.all_off()
 while True:
@@ -393,12 +393,12 @@ def test_a_program_without_a_guardian_that_is_killed_leaves_nothing_on() -> None
 
 HEAT = """
 import sys, time
-from hardware.guardian.client import Guardian
-from hardware.rig.configuration import Rig
+from eldir_hardware.guardian.client import Guardian
+from eldir_hardware.rig.configuration import Rig
 with Guardian(Rig.load(sys.argv[1])) as bank, bank.armed():
     bank.heat(time.monotonic() + 0.3, {1: 5.0, 2: 5.0, 3: 5.0, 4: 5.0})
     print(bank.process, flush=True)
-    bank.rest_until(time.monotonic() + 20, lambda report: None)
+    bank.wait_until(time.monotonic() + 20, lambda report: None)
 """
 
 
@@ -430,13 +430,11 @@ def test_both_programs_killed(attempt: int, tmp_path) -> None:
 # The files for the board.
 
 
-TIGHTER = {"longest_on_s": 4.0, "duty": 0.3}
+TIGHTER = {"max_on_s": 4.0, "duty": 0.3}
 
 
 def test_the_files_for_the_board_keep_the_limits_of_the_rig(tmp_path) -> None:
-    path = rig_file(
-        tmp_path / "rig.yaml", "mosfet", "/dev/ttyACM0", limits={"longest_on_s": 4.0, "duty": 0.3}
-    )
+    path = rig_file(tmp_path / "rig.yaml", "mosfet", "/dev/ttyACM0", limits={"max_on_s": 4.0, "duty": 0.3})
     result = run("firmware", "--rig", path, "--out", tmp_path / "files")
     assert result.exit_code == 0, result.output
     values: dict[str, object] = {}
@@ -452,9 +450,7 @@ def test_the_files_for_the_board_keep_the_limits_of_the_rig(tmp_path) -> None:
 
 
 def test_the_board_of_these_files_takes_its_rig(tmp_path, monkeypatch) -> None:
-    path = rig_file(
-        tmp_path / "rig.yaml", "mosfet", "/dev/ttyACM0", limits={"longest_on_s": 4.0, "duty": 0.3}
-    )
+    path = rig_file(tmp_path / "rig.yaml", "mosfet", "/dev/ttyACM0", limits={"max_on_s": 4.0, "duty": 0.3})
     assert run("firmware", "--rig", path, "--out", tmp_path / "files").exit_code == 0
     values: dict[str, object] = {}
     exec((tmp_path / "files" / "limits.py").read_text(), values)
@@ -462,7 +458,7 @@ def test_the_board_of_these_files_takes_its_rig(tmp_path, monkeypatch) -> None:
         monkeypatch.setattr(limits, name, values[name])
     rig = Rig.load(path)
     with bench() as (_, board, _clock):
-        board.agree(terms_of(rig))
+        board.check_limits(requirements_of(rig))
         looser = rig.model_copy(update={"limits": rig.limits.model_copy(update={"duty": 0.31})})
         with raises(InputError, "board.other-limits", match=r"the duty; expected 0\.3"):
-            board.agree(terms_of(looser))
+            board.check_limits(requirements_of(looser))

@@ -7,14 +7,14 @@ import re
 import pytest
 
 from eldir.errors import InputError
-from hardware.clock import VirtualClock
-from hardware.firmware.channel_limits import POWER_UP, ChannelLimits
-from hardware.firmware.protocol import LONGEST, Conversation, crc16
-from hardware.relay.board import Terms
-from hardware.relay.errors import ContactError, GarbledReplyError
-from hardware.relay.line import SerialLine
-from hardware.relay.mosfet import MosfetBoard
-from hardware.testing.powered_board import powered
+from eldir_hardware.clock import VirtualClock
+from eldir_hardware.firmware.channel_limits import POWER_UP, ChannelLimits
+from eldir_hardware.firmware.protocol import LONGEST, Conversation, crc16
+from eldir_hardware.relay.board import RunRequirements
+from eldir_hardware.relay.errors import ContactError, GarbledReplyError
+from eldir_hardware.relay.line import SerialLine
+from eldir_hardware.relay.mosfet import MosfetBoard
+from eldir_hardware.testing.powered_board import powered
 from tests.hardware.firmware.mosfet_host import (
     CHANNELS,
     DUTY,
@@ -234,12 +234,12 @@ def test_what_the_board_says_of_a_channel(letter, why):
 def test_a_duty_of_just_what_the_board_allows_is_no_more(duty, allowed):
     """7 % is 7.000000000000001 in the computer's numbers."""
     line = Scripted(" 1 08 06200 007 00400 0000")
-    terms = Terms(6.1, duty, frozenset({1}), frozenset())
+    terms = RunRequirements(6.1, duty, frozenset({1}), frozenset())
     if allowed:
-        board_on(line).agree(terms)
+        board_on(line).check_limits(terms)
     else:
         with raises(InputError, "board.other-limits", match=r"the duty; expected 0\.07"):
-            board_on(line).agree(terms)
+            board_on(line).check_limits(terms)
 
 
 @pytest.mark.parametrize(
@@ -253,10 +253,10 @@ def test_a_duty_of_just_what_the_board_allows_is_no_more(duty, allowed):
     ],
 )
 def test_a_board_with_a_limit_just_too_tight_is_refused_with_its_name(limits, message):
-    terms = Terms(6.1, 0.5, frozenset({1}), frozenset())
-    board_on(Scripted(" 1 08 06200 050 00400 0000")).agree(terms)
+    terms = RunRequirements(6.1, 0.5, frozenset({1}), frozenset())
+    board_on(Scripted(" 1 08 06200 050 00400 0000")).check_limits(terms)
     with raises(InputError, "board.other-limits", match=message):
-        board_on(Scripted(limits)).agree(terms)
+        board_on(Scripted(limits)).check_limits(terms)
 
 
 @pytest.mark.parametrize("further", [" 050 01500 025", " 050 01500 025 C", " 050 01500 025 CC"])

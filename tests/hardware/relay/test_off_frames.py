@@ -6,12 +6,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hardware.clock import VirtualClock
-from hardware.relay.errors import RelayError
-from hardware.relay.off_frames import RecordedLine, off_bursts, off_frames
-from hardware.relay.registration import board_of, kinds
-from hardware.rig.boards import emulator_of
-from hardware.testing.powered_board import close_contacts
+from eldir_hardware.clock import VirtualClock
+from eldir_hardware.relay.errors import RelayError
+from eldir_hardware.relay.off_frames import RecordedLine, off_bursts, off_frames
+from eldir_hardware.relay.registration import board_of, kinds
+from eldir_hardware.rig.boards import emulator_of
+from eldir_hardware.testing.powered_board import close_contacts
 
 KINDS = tuple(kind for kind in kinds() if kind != "mosfet")
 """The MOSFET board obeys nothing but whole lines with a checksum: firmware/test_mosfet_firmware.py."""

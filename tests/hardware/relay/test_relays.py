@@ -7,6 +7,7 @@ import sys
 import time
 from contextlib import suppress
 from itertools import permutations
+from typing import get_type_hints
 
 import numpy as np
 import pytest
@@ -14,13 +15,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eldir.errors import InputError
-from hardware.clock import VirtualClock, WallClock
-from hardware.commands import rig as rig_command
-from hardware.emulator.board import EmulatedBoard
-from hardware.relay import feedback, gd32, lcus, modbus, sainsmart
-from hardware.relay.a0 import a0_frame
-from hardware.relay.board import RelayBoard
-from hardware.relay.errors import (
+from eldir_app.commands.rig.new import new
+from eldir_hardware.clock import VirtualClock, WallClock
+from eldir_hardware.emulator.board import EmulatedBoard
+from eldir_hardware.relay import feedback, gd32, lcus, modbus, sainsmart
+from eldir_hardware.relay.a0 import a0_frame
+from eldir_hardware.relay.board import RelayBoard
+from eldir_hardware.relay.errors import (
     ContactError,
     GarbledReplyError,
     NotProvenOffError,
@@ -28,8 +29,8 @@ from hardware.relay.errors import (
     RelayError,
     SilentBoardError,
 )
-from hardware.relay.registration import kinds
-from hardware.rig.boards import driver_of, emulator_of
+from eldir_hardware.relay.registration import kinds
+from eldir_hardware.rig.boards import driver_of, emulator_of
 from tests.hardware.relay.relay_answers import ANSWERS, CHANCE, CHECKSUM, believed_wrongly
 from tests.raised import raises
 
@@ -53,8 +54,9 @@ def bench(request):
 def test_every_kind_is_known_everywhere():
     """Each row of the table names a driver and an emulator; those of this package also a sound answer, by the
     manual."""
-    assert set(KINDS) == set(rig_command._KINDS.split(" | ")), "what the help tells"
-    ours = {kind for kind in KINDS if driver_of(kind).__module__.startswith("hardware.relay.")}
+    option = get_type_hints(new, include_extras=True)["board"].__metadata__[0]
+    assert all(f" {kind} " in option.help.replace(";", " ") for kind in KINDS)
+    ours = {kind for kind in KINDS if driver_of(kind).__module__.startswith("eldir_hardware.relay.")}
     assert ours <= set(ANSWERS) <= set(KINDS)
     for kind in KINDS:
         assert issubclass(driver_of(kind), RelayBoard) and issubclass(emulator_of(kind), EmulatedBoard)
@@ -279,7 +281,7 @@ def test_emulate_offers_a_board_to_other_programs(kind, tmp_path):
     command = [
         sys.executable,
         "-c",
-        "from hardware.commands.rig import rig; rig()",
+        "from eldir_app.commands.rig import rig; rig()",
         "emulate",
         "--board",
         kind,

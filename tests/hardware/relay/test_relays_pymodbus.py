@@ -12,9 +12,9 @@ from pymodbus import FramerType
 from pymodbus.server import ModbusSerialServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
-from hardware.clock import WallClock
-from hardware.relay.modbus import ModbusBoard
-from hardware.relay.sainsmart import SainSmartBoard
+from eldir_hardware.clock import WallClock
+from eldir_hardware.relay.modbus import ModbusBoard
+from eldir_hardware.relay.sainsmart import SainSmartBoard
 
 
 @contextmanager

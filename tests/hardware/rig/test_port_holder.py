@@ -5,10 +5,10 @@ import subprocess
 import sys
 from contextlib import contextmanager
 
-from hardware.relay.errors import PortError
-from hardware.rig.boards import open_board
-from hardware.rig.configuration import Rig
-from hardware.rig.port_holder import Guarded, guarded_ports, holder_of, lock_of, signal_holder
+from eldir_hardware.relay.errors import PortError
+from eldir_hardware.rig.boards import open_board
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.rig.port_holder import Guarded, guarded_ports, holder_of, lock_of, signal_holder
 from tests.hardware.emulated_rigs import emulated, rig_file, wait
 from tests.raised import raises
 

@@ -4,9 +4,9 @@ import pytest
 import yaml
 
 from eldir.errors import InputError
-from hardware.rig.configuration import Rig
-from hardware.rig.template import real_rig
-from hardware.safety.off_targets import off_targets
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.rig.template import real_rig
+from eldir_hardware.safety.off_targets import off_targets
 from tests.hardware.emulated_rigs import rig_file, run
 
 WRONG = {

@@ -14,12 +14,18 @@ from types import SimpleNamespace
 
 import pytest
 
-from hardware.guardian import isolation
-from hardware.rig import board_identity, port_holder
-from hardware.rig.board_identity import BoardIdentity, identify, is_gone_pseudo_terminal, is_pseudo_terminal
-from hardware.rig.port_holder import Guarded, Holder, guarded_ports, holder_of, signal_holder
-from hardware.safety.unlocked_port import UnlockedPort
-from hardware.serial_output import BlockedOutputError
+from eldir_hardware.guardian import isolation
+from eldir_hardware.rig import board_identity, port_holder
+from eldir_hardware.rig.board_identity import (
+    BoardIdentity,
+    identify,
+    is_gone_pseudo_terminal,
+    is_pseudo_terminal,
+)
+from eldir_hardware.rig.port_holder import Guarded, Holder, guarded_ports, holder_of, signal_holder
+from eldir_hardware.safety.unlocked_port import UnlockedPort
+from eldir_hardware.serial_output import BlockedOutputError
+from tests.paths import PACKAGES
 
 
 @pytest.fixture
@@ -457,7 +463,7 @@ def test_the_few_variables_that_the_guardian_needs(monkeypatch, tmp_path):
     }
     given = kept | {"LC_ALL": "C", "PYTHONPATH": "/evil", "LD_PRELOAD": "/evil.so"}
     monkeypatch.setattr(os, "environ", given)
-    assert isolation.clean_environment() == kept | {"LC_ALL": "C"}
+    assert isolation.clean_environment() == kept | {"LC_ALL": "C", "PYDANTIC_DISABLE_PLUGINS": "__all__"}
     given["LD_LIBRARY_PATH"] = f"/usr:{others}:relative:{here}:/etc/passwd"
     assert isolation.clean_environment()["LD_LIBRARY_PATH"] == f"/usr:{here}"
     monkeypatch.chdir(here)
@@ -472,13 +478,13 @@ def test_the_folders_from_which_the_guardian_imports(monkeypatch, tmp_path):
     others.mkdir()
     others.chmod(0o777)
     file.touch()
-    home = str(Path(isolation.__file__).parents[2])
+    homes = [str(PACKAGES[name].parent) for name in ("eldir", "eldir_hardware")]
     monkeypatch.setattr(
         isolation, "sys", SimpleNamespace(path=["", "/usr", str(here), str(others), str(file), "/usr"])
     )
-    assert isolation.import_path() == ["/usr", str(here), home]
+    assert isolation.import_path() == ["/usr", str(here), *homes]
     monkeypatch.chdir(here)
-    assert isolation.import_path() == ["/usr", home]
-    monkeypatch.chdir(home)
-    assert isolation.import_path() == ["/usr", str(here), home], "the program's own folder stays"
-    assert not stat.S_IWOTH & os.stat(home).st_mode
+    assert isolation.import_path() == ["/usr", *homes]
+    monkeypatch.chdir(homes[0])
+    assert isolation.import_path() == ["/usr", str(here), *homes], "the program's own folder stays"
+    assert not stat.S_IWOTH & os.stat(homes[0]).st_mode

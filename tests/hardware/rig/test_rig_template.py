@@ -10,9 +10,9 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from eldir.core.yaml_files import parse_yaml
-from hardware.rig.configuration import Rig
-from hardware.rig.template import real_rig, virtual_rig
-from hardware.rig.told import told_by
+from eldir_hardware.rig.board_hints import read_board_hints
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.rig.template import real_rig, virtual_rig
 from tests.eldir.random_design import make_design
 from tests.hardware.emulated_rigs import run
 from tests.paths import SCHEMAS
@@ -49,7 +49,7 @@ def test_the_emergency_stop_reads_the_port_of_a_new_rig_file(tmp_path, port):
     assert run("new", "--board", "lcus", "--port", port, "--out", tmp_path / "rig.yaml").exit_code == 0
     assert Rig.load(tmp_path / "rig.yaml").board.port == port
     if port != "null":  # to it this word means no port
-        assert told_by(tmp_path / "rig.yaml").ports == (port,)
+        assert read_board_hints(tmp_path / "rig.yaml").ports == (port,)
 
 
 def entries(schema: dict, above: str, name: str, entry: dict) -> Iterator[tuple[str, str, dict]]:

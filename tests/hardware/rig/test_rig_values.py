@@ -8,12 +8,12 @@ import pytest
 import yaml
 
 from eldir.errors import EldirError, InputError
-from hardware.planning.compiler import compile_schedule
-from hardware.rig.configuration import Rig
-from hardware.rig.supply import LimitError
-from hardware.rig.template import CURRENT_LIMIT_A, real_rig, virtual_rig
-from hardware.safety import limits
-from hardware.safety.schedule_digests import HEATING
+from eldir_hardware.planning.compiler import compile_schedule
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.rig.supply import LimitError
+from eldir_hardware.rig.template import CURRENT_LIMIT_A, real_rig, virtual_rig
+from eldir_hardware.safety import limits
+from eldir_hardware.safety.schedule_digests import HEATING
 from tests.hardware.rigs_and_schedules import SCHEDULE, gait, rig_with
 from tests.paths import ROOT
 
@@ -26,7 +26,7 @@ THERMAL = BASE | {"cutoff": {"kind": "thermal", "opens_at_c": 85.0}}
 HARMLESS = {  # of the sections that decide how hot springs get
     ("springs.latent_heat", 0.001): "springs that need less heat to transform are predicted hotter",
     ("supply.lead_resistance_ohm", 0.001): "less resistance of the leads gives more heat, not less",
-    ("tolerances.coldest_c", 0.001): "nothing gets hotter in colder air",
+    ("tolerances.ambient_min_c", 0.001): "nothing gets hotter in colder air",
 }
 
 
@@ -90,7 +90,7 @@ def test_no_number_may_be_missing_or_infinite(value):
         ("springs", {"ambient_c": 35}, r"springs.ambient_c 35 lies outside tolerances, 18 to 30 C"),
         ("cutoff", {"kind": "thermal", "opens_at_c": float("nan")}, r"'\.nan' is not a finite number"),
         ("board", {"port": "socket://bench:4001"}, "board.port: socket://hidden is no serial port of"),
-        ("limits", {"ceiling_c": float("nan")}, r"'\.nan' is not a finite number in line [0-9]+"),
+        ("limits", {"max_temperature_c": float("nan")}, r"'\.nan' is not a finite number in line [0-9]+"),
     ],
 )  # fmt: skip
 def test_the_error_names_the_entry(tmp_path: Path, section, values, message):
@@ -113,7 +113,7 @@ def test_other_springs_that_are_wound_are_accepted():
 
 def test_the_current_of_rig_files_parts_and_nodes_is_one_and_the_most_that_is_safe():
     """A twentieth of an ampere more is refused; the parts list and the nodes' rig say the same number."""
-    parts = yaml.safe_load((ROOT / "cad" / "kit" / "data" / "parts.yaml").read_text())
+    parts = yaml.safe_load((ROOT / "cad" / "eldir_cad" / "kit" / "data" / "parts.yaml").read_text())
     nodes = yaml.safe_load((ROOT / "ros2_nodes" / "eldir_ros" / "config" / "rig.yaml").read_text())
     assert rig_with().supply.current_limit_a == CURRENT_LIMIT_A
     assert parts["coil"]["current_limit_a"] == nodes["supply"]["current_limit_a"] == CURRENT_LIMIT_A

@@ -6,9 +6,9 @@ import yaml
 from typer.testing import CliRunner
 
 from eldir.parameters.still_air import forced_convection, least_coefficient
-from hardware.commands.rig import rig as rig_commands
-from hardware.rig.configuration import Rig
-from hardware.rig.supply import (
+from eldir_app.commands.rig import rig as rig_commands
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.rig.supply import (
     LimitError,
     check_current,
     coldest_springs,
@@ -18,7 +18,7 @@ from hardware.rig.supply import (
     shares,
     worst_springs,
 )
-from hardware.safety.limits import check_schedule
+from eldir_hardware.safety.limits import check_schedule
 from tests.hardware.rigs_and_schedules import SCHEDULE, measured, rig_with
 from tests.raised import raises
 
@@ -31,7 +31,7 @@ V, MORE = 11.0, 1.05
 
 def rig_of(outputs: str = "each", **supply: object) -> Rig:
     """Stiff contacts, so that only the supply limits."""
-    values = {"current_limit_a": 4.0, "budget_a": 400.0, "outputs": outputs} | supply
+    values = {"current_limit_a": 4.0, "max_total_current_a": 400.0, "outputs": outputs} | supply
     return rig_with(supply=values, board={"contact_rating_a": 100.0})
 
 
@@ -55,7 +55,12 @@ def test_without_measurements_nothing_is_predicted(entry, name):
 def test_the_two_corners_of_the_tolerances(current, less_heats_more):
     """Every tolerance in the direction that heats, and in the other one."""
     rig = rig_with(
-        tolerances={"current": 0.08, "coldest_c": 16.0, "hottest_c": 33.0, "air_stream": 0.2},
+        tolerances={
+            "current": 0.08,
+            "ambient_min_c": 16.0,
+            "ambient_max_c": 33.0,
+            "convection_tolerance": 0.2,
+        },
         springs=measured(convection_fan=160.0, convection_still=30.0),
         supply={"current_limit_a": current},
     )
@@ -124,7 +129,7 @@ def test_equal_springs_on_one_output_share_its_current(current):
 def test_springs_that_the_voltage_limits_take_their_whole_heat_together():
     """Of small resistance: two draw less than the supply's limit, three more."""
     rig = rig_with(
-        supply={"current_limit_a": 48.0, "budget_a": 400.0, "outputs": "shared"},
+        supply={"current_limit_a": 48.0, "max_total_current_a": 400.0, "outputs": "shared"},
         springs={"resistance_ohm": 0.6},
         board={"contact_rating_a": 100.0},
     )
@@ -169,7 +174,7 @@ def test_what_is_closed_for_a_whole_step_takes_its_share():
 @pytest.mark.parametrize(("together", "allowed"), [(1, True), (4, True), (5, False)])
 def test_the_budget_of_all_outputs(together, allowed):
     """Each of 4 A carries at most 4.2 A within the tolerance."""
-    rig = rig_of("each", budget_a=16.8)
+    rig = rig_of("each", max_total_current_a=16.8)
     if allowed:
         check_current(rig, together)
     else:
@@ -180,7 +185,7 @@ def test_the_budget_of_all_outputs(together, allowed):
 @pytest.mark.parametrize(("budget", "allowed"), [(4.2, True), (4.19, False)])
 def test_the_budget_of_a_shared_output(budget, allowed):
     """Its limit holds for all springs together."""
-    rig = rig_of("shared", budget_a=budget)
+    rig = rig_of("shared", max_total_current_a=budget)
     check_current(rig, 0)
     if allowed:
         check_current(rig, 4)

@@ -13,9 +13,9 @@ from pathlib import Path
 
 import pytest
 
-from hardware.clock import WallClock
-from hardware.rig.boards import emulator_of
-from hardware.rig.port_holder import holder_of
+from eldir_hardware.clock import WallClock
+from eldir_hardware.rig.boards import emulator_of
+from eldir_hardware.rig.port_holder import holder_of
 from tests.hardware.emulated_rigs import HEAT, emulated, rig_file, wait
 from tests.hardware.rig.other_users import start
 
@@ -118,7 +118,7 @@ def test_root_stops_the_run_of_another_user(homes, tmp_path, monkeypatch):
             done = subprocess.run(words, capture_output=True, text=True, timeout=30, check=False)
             assert done.returncode == 0 and not any(board.contacts), done.stdout + done.stderr
             assert f"stopped process {guardian}" in done.stdout
-            code = f"from hardware.safety.latch import require_unlatched; require_unlatched({board.port!r})"
+            code = f"from eldir_hardware.safety import latch; latch.require_unlatched({board.port!r})"
             assert "is stopped" in run(ANNA, homes, python(code))[1]
 
 
@@ -162,7 +162,7 @@ def test_what_another_user_plants_changes_nothing(homes):
                 assert took < 4.0, "no pipe was waited for"
                 assert program.wait(15) == 1
             code = (
-                "from typer.testing import CliRunner; from hardware.commands.rig import rig; "
+                "from typer.testing import CliRunner; from eldir_app.commands.rig import rig; "
                 f"result = CliRunner().invoke(rig, ['reset', '--rig', {str(path)!r}]); "
                 "print(result.output, result.exception)"
             )
@@ -180,7 +180,7 @@ def test_a_state_folder_that_another_user_made_is_refused(homes):
     folder.mkdir(mode=0o777)
     folder.chmod(0o777)
     os.chown(folder, BERT, BERT)
-    code = "from hardware.safety.latch import require_unlatched; require_unlatched('/dev/null')"
+    code = "from eldir_hardware.safety.latch import require_unlatched; require_unlatched('/dev/null')"
     text = run(ANNA, homes, python(code))[1]
     assert f"belongs to user {BERT}" in text and "counts as stopped" in text
 
@@ -194,7 +194,9 @@ def test_a_folder_of_a_group_is_shared(homes):
     host, guest = pty.openpty()
     tty.setraw(host)
     port = os.ttyname(guest)
-    begin = f"from pathlib import Path; from hardware.safety import latch as l; s = Path({str(shared)!r}); "
+    begin = (
+        f"from pathlib import Path; from eldir_hardware.safety import latch as l; s = Path({str(shared)!r}); "
+    )
     latch = begin + f"print(l.latch({port!r}, 'anna stopped it', shared=s))"
     check = begin + f"l.require_unlatched({port!r}, shared=s)"
     reset = begin + f"l.unlatch({port!r}, shared=s)"

@@ -19,15 +19,15 @@ from pathlib import Path
 from typing import IO, NamedTuple
 from unittest.mock import patch
 
-from hardware.clock import WallClock
-from hardware.emulator.board import EmulatedBoard
-from hardware.planning.compiler import compile_schedule
-from hardware.relay.registration import kinds
-from hardware.rig.boards import driver_of, emulator_of
-from hardware.rig.configuration import Rig
-from hardware.safety.latch import read_records
-from hardware.safety.schedule_digests import sealed
-from hardware.schedule import ActuationSchedule
+from eldir_hardware.clock import WallClock
+from eldir_hardware.emulator.board import EmulatedBoard
+from eldir_hardware.planning.compiler import compile_schedule
+from eldir_hardware.relay.registration import kinds
+from eldir_hardware.rig.boards import driver_of, emulator_of
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.safety.latch import read_records
+from eldir_hardware.safety.schedule_digests import with_digests
+from eldir_hardware.schedule import ActuationSchedule
 from tests.forked_programs import Forked
 from tests.hardware.emulated_rigs import rig_file, rig_values, wait
 from tests.hardware.relay.held_serial_output import HeldUart
@@ -134,7 +134,7 @@ def prepared(
     link.symlink_to(board.start())
     rig = rig_file(folder / "rig.yaml", kind, str(link) if linked else board.port, **LIMITS)
     schedule = _schedule(kind)
-    sealed(schedule, Rig.load(rig)).save(folder / "schedule.json")
+    with_digests(schedule, Rig.load(rig)).save(folder / "schedule.json")
     files = [str(folder / "schedule.json"), "--rig", str(rig), "--log", str(folder / "log.mcap")]
     return board, rig, schedule, [*ELDIR, "rig", "drive", *files]
 

@@ -17,20 +17,20 @@ from itertools import cycle
 from pathlib import Path
 from typing import NamedTuple
 
-from hardware.emulator.board import EmulatedBoard
-from hardware.rig.boards import driver_of
-from hardware.rig.configuration import Rig
-from hardware.schedule import ActuationSchedule
+from eldir_hardware.emulator.board import EmulatedBoard
+from eldir_hardware.rig.boards import driver_of
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.schedule import ActuationSchedule
 from tests.forked_programs import Forked
 from tests.hardware.relay.held_serial_output import HeldUart
 
 # A program that inherits an ignored SIGHUP, as under nohup, goes on when its terminal closes.
 _ON_A_TERMINAL = "import signal; signal.signal(signal.SIGHUP, signal.SIG_DFL)"
-ELDIR = [sys.executable, "-c", f"{_ON_A_TERMINAL}; from eldir.commands.main import main; main()"]
+ELDIR = [sys.executable, "-c", f"{_ON_A_TERMINAL}; from eldir_app.main import main; main()"]
 PERIOD, CYCLES = 3.0, 2
 LIMITS = {
-    "limits": {"least_off_s": 0.3, "longest_on_s": 1.2},
-    "cutoff": {"kind": "timer", "longest_on_s": 1.5},
+    "limits": {"min_off_s": 0.3, "max_on_s": 1.2},
+    "cutoff": {"kind": "timer", "max_on_s": 1.5},
 }
 STUCK = "does not follow.*cut the heating supply now"
 """What a person must read first where a contact is stuck, as a pattern."""

@@ -8,10 +8,10 @@ from typing import NamedTuple
 
 import pytest
 
-from hardware.guardian.pulse_controller import PulseController
-from hardware.planning.compiler import compile_schedule
-from hardware.run.player import Player
-from hardware.virtual.rig import VirtualRig
+from eldir_hardware.guardian.pulse_controller import PulseController
+from eldir_hardware.planning.compiler import compile_schedule
+from eldir_hardware.run.player import Player
+from eldir_hardware.virtual.rig import VirtualRig
 from tests.hardware.rigs_and_schedules import gait, rig_with
 from tests.hardware.virtual.piston_and_observer import Piston
 

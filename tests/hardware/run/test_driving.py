@@ -7,27 +7,27 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from calibration.camera.plane import Plane
 from eldir.built import gait_search
 from eldir.built.screening import candidate_gaits
 from eldir.errors import EldirError, InputError
 from eldir.lattice import Lattice
 from eldir.marks import marked_masses
 from eldir.parameters.springs import SpringParameters
-from hardware.clock import WallClock
-from hardware.commands.rig import rig as rig_command
-from hardware.log.reader import read_log
-from hardware.planning import plan as planning
-from hardware.planning.plan import plan
-from hardware.relay.lcus import LcusBoard
-from hardware.rig.boards import emulator_of
-from hardware.rig.configuration import Rig
-from hardware.rig.template import real_rig, virtual_rig
-from hardware.run.drive import drive_rig
-from hardware.safety.schedule_digests import sealed
-from hardware.virtual.body import BuiltBody
-from tests.calibration.camera.lenses import lens_of
+from eldir_app.commands.rig import rig as rig_command
+from eldir_hardware.camera.plane import Plane
+from eldir_hardware.clock import WallClock
+from eldir_hardware.log.reader import read_log
+from eldir_hardware.planning import plan as planning
+from eldir_hardware.planning.plan import plan
+from eldir_hardware.relay.lcus import LcusBoard
+from eldir_hardware.rig.boards import emulator_of
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.rig.template import real_rig, virtual_rig
+from eldir_hardware.run.drive import drive_rig
+from eldir_hardware.safety.schedule_digests import with_digests
+from eldir_hardware.virtual.body import BuiltBody
 from tests.eldir.random_design import make_design
+from tests.hardware.camera.lenses import lens_of
 from tests.hardware.rigs_and_schedules import SCHEDULE
 from tests.raised import raises
 
@@ -80,7 +80,7 @@ def test_driving_records_everything(design, schedule, folder):
     short = schedule.__class__(
         schedule.period_s, events=schedule.events, cycles=1, conditioning_cycles=0, springs=schedule.springs
     )
-    short = sealed(short, Rig.load(folder / "rig.yaml"), design)
+    short = with_digests(short, Rig.load(folder / "rig.yaml"), design)
     size = (640, 480)
     lens_of(size, [700, 700], [320, 240], [0] * 5).save(folder / "camera.json")
     Plane(*size, np.eye(3), [320, 240], [0, 0], 0.1).save(folder / "plane.json")

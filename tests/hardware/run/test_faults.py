@@ -26,21 +26,21 @@ import pytest
 from eldir.built.heat import HeatModel
 from eldir.errors import EldirError
 from eldir.lattice import Lattice
-from hardware.clock import WallClock
-from hardware.emulator.board import EmulatedBoard
-from hardware.log.reader import read_log
-from hardware.log.recover import recover_log
-from hardware.planning.compiler import compile_schedule
-from hardware.rig.boards import emulator_of
-from hardware.rig.configuration import Rig
-from hardware.rig.port_holder import holder_of
-from hardware.rig.supply import worst_springs
-from hardware.rig.template import virtual_rig
-from hardware.run.drive import drive_rig
-from hardware.safety import limits
-from hardware.safety.latch import stop_of
-from hardware.safety.schedule_digests import sealed
-from hardware.schedule import ActuationSchedule
+from eldir_hardware.clock import WallClock
+from eldir_hardware.emulator.board import EmulatedBoard
+from eldir_hardware.log.reader import read_log
+from eldir_hardware.log.recover import recover_log
+from eldir_hardware.planning.compiler import compile_schedule
+from eldir_hardware.rig.boards import emulator_of
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.rig.port_holder import holder_of
+from eldir_hardware.rig.supply import worst_springs
+from eldir_hardware.rig.template import virtual_rig
+from eldir_hardware.run.drive import drive_rig
+from eldir_hardware.safety import limits
+from eldir_hardware.safety.latch import stop_of
+from eldir_hardware.safety.schedule_digests import with_digests
+from eldir_hardware.schedule import ActuationSchedule
 from tests.eldir.random_design import make_design
 from tests.forked_programs import Forked
 from tests.hardware.emulated_rigs import rig_file, wait
@@ -74,7 +74,7 @@ class Run(NamedTuple):
 
 def peak_at_the_worst_moment(rig: Rig, off_after: float) -> float:
     """Of the hottest tolerated springs, on the whole gait, if the longest pulse lasted that much longer."""
-    most = rig.limits.longest_on_s
+    most = rig.limits.max_on_s
     pulse, period = min(most + off_after, rig.cutoff_s or np.inf), 20.0
     before = np.arange(round(5 * period / STEP)) * STEP % period < most
     last = np.arange(round(period / STEP)) * STEP < pulse
@@ -89,7 +89,7 @@ def bench(tmp_path: Path, kind: str) -> tuple[EmulatedBoard, Path, Path]:
     loaded = Rig.load(rig)
     compiled = compile_schedule(gait(phase=(0.0, 0.01), duty=(0.25, 0.25)), loaded, (7, 12), cycles=1)
     short = replace(compiled, settle_s=0.0, conditioning_cycles=0)
-    sealed(short, loaded).save(tmp_path / "schedule.json")
+    with_digests(short, loaded).save(tmp_path / "schedule.json")
     return board, rig, tmp_path / "schedule.json"
 
 
@@ -162,7 +162,7 @@ def beside(tmp_path: Path, fault: Callable[[EmulatedBoard, Forked], object], kin
     """A fault of a process: the schedule is played by `eldir rig drive`."""
     board, rig, schedule = bench(tmp_path, kind)
     log = tmp_path / "log.mcap"
-    command = [sys.executable, "-c", "from eldir.commands.main import main; main()", "rig", "drive"]
+    command = [sys.executable, "-c", "from eldir_app.main import main; main()", "rig", "drive"]
     with Forked(
         [*command, str(schedule), "--rig", str(rig), "--log", str(log)],
         stderr=subprocess.PIPE,
@@ -341,13 +341,13 @@ def test_neither_a_stalled_camera_nor_the_engine_touches_the_heat(tmp_path, monk
     rig.write_text(virtual_rig(4, "design.json", clock="wall"))
     compiled = compile_schedule(gait(phase=(0.0, 0.01), duty=(0.08, 0.08)), Rig.load(rig), (7, 12), cycles=1)
     schedule = replace(compiled, period_s=10.0, settle_s=0.0, conditioning_cycles=0)
-    schedule = sealed(schedule, Rig.load(rig), design)
+    schedule = with_digests(schedule, Rig.load(rig), design)
     stalled = []
 
     def here(*_: object) -> None:
         raise AssertionError("the engine would hold up the emulated board in this process")
 
-    monkeypatch.setattr("hardware.virtual.bodies.virtual_body", here)
+    monkeypatch.setattr("eldir_hardware.virtual.bodies.virtual_body", here)
 
     def stall(frame) -> None:
         if frame.time_s > 1.0 and not stalled:

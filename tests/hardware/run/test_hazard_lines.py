@@ -19,14 +19,14 @@ from select import select
 import pytest
 
 from eldir.errors import EldirError, report
-from hardware.emulator.board import EmulatedBoard
-from hardware.log.reader import read_log
-from hardware.relay.errors import ContactError
-from hardware.resource import Resource
-from hardware.rig.boards import open_board
-from hardware.rig.configuration import Rig
-from hardware.safety.latch import stop_of
-from hardware.safety.stop_signals import Stop
+from eldir_hardware.emulator.board import EmulatedBoard
+from eldir_hardware.log.reader import read_log
+from eldir_hardware.relay.errors import ContactError
+from eldir_hardware.resource import Resource
+from eldir_hardware.rig.boards import open_board
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.safety.latch import stop_of
+from eldir_hardware.safety.stop_signals import Stop
 from tests.forked_programs import Forked
 from tests.hardware.emulated_rigs import emulated, rig_file, wait
 from tests.hardware.run.fault_matrix import prepared, strike

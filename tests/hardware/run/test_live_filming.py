@@ -14,21 +14,21 @@ import cv2
 import numpy as np
 import pytest
 
-from calibration.camera.validity import valid_for
 from eldir.errors import EldirError, InputError
-from hardware.clock import WallClock
-from hardware.doctor.checks import examine
-from hardware.log.reader import read_log
-from hardware.rig.boards import emulator_of
-from hardware.rig.configuration import Rig
-from hardware.rig.template import real_rig
-from hardware.run.drive import drive_rig, without_heat
-from hardware.safety.schedule_digests import sealed
-from hardware.schedule import ActuationSchedule, Event
-from hardware.vision.pipeline import track_discs
-from hardware.vision.recording_setup import recorded_plane
-from hardware.vision.sources import LoggedFrames
-from hardware.vision.virtual_camera import VirtualCamera
+from eldir_app.doctor.checks import examine
+from eldir_hardware.camera.validity import valid_for
+from eldir_hardware.clock import WallClock
+from eldir_hardware.log.reader import read_log
+from eldir_hardware.rig.boards import emulator_of
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.rig.template import real_rig
+from eldir_hardware.run.drive import drive_rig, without_heat
+from eldir_hardware.safety.schedule_digests import with_digests
+from eldir_hardware.schedule import ActuationSchedule, Event
+from eldir_hardware.vision.pipeline import track_discs
+from eldir_hardware.vision.recording_setup import recorded_plane
+from eldir_hardware.vision.sources import LoggedFrames
+from eldir_hardware.vision.virtual_camera import VirtualCamera
 from tests.hardware.vision.walking_films import MARKED, NAMES, SPACE, film, rms_mm, walk
 from tests.raised import raises
 
@@ -95,15 +95,15 @@ def rig_file(folder: Path, port: str, device: str, camera: VirtualCamera, more: 
     (folder / "tags.json").write_text(json.dumps(camera.board.to_json()))
     text = real_rig("lcus", port).replace("current_limit_a: null", "current_limit_a: 1.0")
     text = text.replace("resistance_ohm: null", "resistance_ohm: 0.987")
-    text = text.replace("least_off_s: 8.0", "least_off_s: 1.0")
-    text += "cutoff: {kind: timer, longest_on_s: 6.3}\n"
+    text = text.replace("min_off_s: 8.0", "min_off_s: 1.0")
+    text += "cutoff: {kind: timer, max_on_s: 6.3}\n"
     path = folder / "rig.yaml"
     path.write_text(f"{text}camera: {{kind: live, device: '{device}', tags: tags.json{more}}}\n")
     return path
 
 
 def for_rig(path: Path) -> ActuationSchedule:
-    return sealed(SCHEDULE, Rig.load(path))
+    return with_digests(SCHEDULE, Rig.load(path))
 
 
 def test_what_a_camera_sees_is_recorded_while_springs_heat(pictures, port, tmp_path) -> None:

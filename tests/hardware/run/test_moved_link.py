@@ -13,15 +13,15 @@ import jsonschema
 import pytest
 
 from eldir.errors import EldirError
-from hardware.emulator.board import EmulatedBoard
-from hardware.guardian.client import Guardian
-from hardware.guardian.measured_heat import CurrentFlowsError
-from hardware.rig.board_identity import identify, identify_open, locate, moved
-from hardware.rig.configuration import Rig
-from hardware.rig.port_holder import guarded_ports
-from hardware.safety.latch import DIED, read_records, record_of
-from hardware.safety.spring_memory import remembered
-from hardware.virtual.rig import VirtualRig
+from eldir_hardware.emulator.board import EmulatedBoard
+from eldir_hardware.guardian.client import Guardian
+from eldir_hardware.guardian.measured_heat import CurrentFlowsError
+from eldir_hardware.rig.board_identity import identify, identify_open, locate, moved
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.rig.port_holder import guarded_ports
+from eldir_hardware.safety.latch import DIED, read_records, record_of
+from eldir_hardware.safety.spring_memory import remembered
+from eldir_hardware.virtual.rig import VirtualRig
 from tests.hardware.emulated_rigs import emulated, heating_program, rig_file, run, wait
 from tests.hardware.rigs_and_schedules import rig_with
 from tests.hardware.virtual.piston_and_observer import Piston
@@ -263,7 +263,7 @@ def test_the_sensor_of_the_run_alone_says_that_no_current_flows(tmp_path):
             board.faults.welded.add(2)
             board._set_coil(2, True)
             os.kill(guardian.process, signal.SIGKILL)
-            guardian.rest_until(time.monotonic() + 5, lambda report: None)
+            guardian.wait_until(time.monotonic() + 5, lambda report: None)
         assert isinstance(caught.value, CurrentFlowsError) and "channel 2" in str(caught.value)
         for command in ("off", "reset"):
             told = run(command, "--rig", tmp_path / "rig.yaml")

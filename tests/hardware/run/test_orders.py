@@ -9,7 +9,7 @@ import time
 
 import pytest
 
-from hardware.run.orders import ORDERS, give_order, orders
+from eldir_hardware.run.orders import ORDERS, give_order, orders
 
 
 class Told:
@@ -23,7 +23,7 @@ class Told:
 
 
 def told_by_another_program(process: int, *words: str) -> list[bool]:
-    program = "import sys; from hardware.run.orders import give_order; "
+    program = "import sys; from eldir_hardware.run.orders import give_order; "
     program += "print([give_order(int(sys.argv[1]), w) for w in sys.argv[2:]])"
     command = [sys.executable, "-c", program, str(process), *words]
     return eval(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
@@ -65,7 +65,7 @@ def test_who_says_nothing_holds_nobody_up():
 
 
 def test_a_program_that_hangs_does_not_answer():
-    held = "from hardware.run.orders import orders\nwith orders(None): print(flush=True); input()"
+    held = "from eldir_hardware.run.orders import orders\nwith orders(None): print(flush=True); input()"
     with subprocess.Popen(
         [sys.executable, "-c", held], stdin=subprocess.PIPE, stdout=subprocess.PIPE
     ) as other:

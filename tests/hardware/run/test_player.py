@@ -5,19 +5,19 @@ from dataclasses import replace
 import pytest
 
 from eldir.errors import EldirError
-from hardware.clock import VirtualClock
-from hardware.guardian.bank import LEAD, Bank, Report
-from hardware.planning.compiler import compile_schedule
-from hardware.run.player import READY, Player
-from hardware.safety import limits
-from hardware.safety.stop_signals import StoppedError
+from eldir_hardware.clock import VirtualClock
+from eldir_hardware.guardian.bank import LEAD, HeaterBank, Report
+from eldir_hardware.planning.compiler import compile_schedule
+from eldir_hardware.run.player import READY, Player
+from eldir_hardware.safety import limits
+from eldir_hardware.safety.stop_signals import StoppedError
 from tests.hardware.rigs_and_schedules import RIG, gait
 from tests.hardware.virtual.piston_and_observer import Notes
 
 SCHEDULE = replace(compile_schedule(gait(), RIG, cycles=2), settle_s=3.0, conditioning_cycles=1)
 
 
-class Noting(Bank):
+class Noting(HeaterBank):
     """Notes orders with their time, and reports every 0.05 s."""
 
     def __init__(self, clock: VirtualClock):
@@ -32,10 +32,10 @@ class Noting(Bank):
     def heat(self, at, lengths) -> None:
         self.pulses.append((self.clock.now(), at, dict(lengths)))
 
-    def cut(self) -> None:
+    def abort_pulses(self) -> None:
         self.told.append(("cut", self.clock.now()))
 
-    def rest_until(self, t, see) -> None:
+    def wait_until(self, t, see) -> None:
         assert t <= self.clock.now() + 0.1 + 1e-9, "a key is noticed within a tenth of a second"
         self.clock.sleep_until(t)
         if not self.silent:

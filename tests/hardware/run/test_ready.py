@@ -10,21 +10,21 @@ from dataclasses import replace
 import pytest
 import yaml
 
-from hardware.clock import WallClock
-from hardware.guardian.bank import LEAD
-from hardware.guardian.wire import Wire
-from hardware.log.reader import read_log
-from hardware.log.recorder import Recorder
-from hardware.rig.boards import emulator_of
-from hardware.rig.configuration import Rig
-from hardware.rig.template import virtual_rig
-from hardware.run.drive import drive_rig
-from hardware.safety.schedule_digests import sealed
-from hardware.schedule import Event
+from eldir_hardware.clock import WallClock
+from eldir_hardware.guardian.bank import LEAD
+from eldir_hardware.guardian.wire import Wire
+from eldir_hardware.log.reader import read_log
+from eldir_hardware.log.recorder import Recorder
+from eldir_hardware.rig.boards import emulator_of
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.rig.template import virtual_rig
+from eldir_hardware.run.drive import drive_rig
+from eldir_hardware.safety.schedule_digests import with_digests
+from eldir_hardware.schedule import Event
 from tests.hardware.emulated_rigs import rig_file
 from tests.hardware.rigs_and_schedules import RIG, SCHEDULE, rig_with
 
-SHORT = sealed(
+SHORT = with_digests(
     replace(
         SCHEDULE,
         period_s=9.0,
@@ -33,7 +33,7 @@ SHORT = sealed(
         conditioning_cycles=0,
         settle_s=0.0,
     ),
-    rig_with(limits={"least_off_s": 1.0}),
+    rig_with(limits={"min_off_s": 1.0}),
 )
 
 
@@ -54,7 +54,7 @@ def test_a_slow_board_and_a_loaded_disk_delay_the_start_and_stop_nothing(emulate
         attach(self, name, file)
 
     monkeypatch.setattr(Recorder, "attach", slowly)
-    path = rig_file(tmp_path / "rig.yaml", "lcus", emulated.port, limits={"least_off_s": 1.0})
+    path = rig_file(tmp_path / "rig.yaml", "lcus", emulated.port, limits={"min_off_s": 1.0})
     emulated.faults.late = 0.15
     begun = time.monotonic()
     armed = []
@@ -87,7 +87,7 @@ def test_a_slow_board_and_a_loaded_disk_delay_the_start_and_stop_nothing(emulate
 
 
 def test_a_board_that_does_not_arm_leaves_a_readable_log(emulated, tmp_path):
-    path = rig_file(tmp_path / "rig.yaml", "lcus", emulated.port, limits={"least_off_s": 1.0})
+    path = rig_file(tmp_path / "rig.yaml", "lcus", emulated.port, limits={"min_off_s": 1.0})
     emulated.faults.deaf.add(1)
     emulated._coils[0] = emulated._contacts[0] = True
     with pytest.raises(Exception, match="not proven"):
@@ -101,7 +101,7 @@ def test_the_log_attests_the_rig_that_was_loaded(moment, tmp_path):
     """The file is replaced by another rig at any moment after loading."""
     path = tmp_path / "rig.yaml"
     path.write_text(virtual_rig().replace("camera:", "# camera:"))
-    other = virtual_rig(seed=9).replace("ceiling_c: 90", "ceiling_c: 80").encode()
+    other = virtual_rig(seed=9).replace("max_temperature_c: 90", "max_temperature_c: 80").encode()
     rig = Rig.load(path)
     times = []
 
@@ -137,7 +137,7 @@ def test_the_guardian_gets_the_values_that_are_logged(emulated, tmp_path, monkey
     sent = []
     send = Wire.send
     monkeypatch.setattr(Wire, "send", lambda self, **message: (sent.append(message), send(self, **message)))
-    path = rig_file(tmp_path / "rig.yaml", "lcus", emulated.port, limits={"least_off_s": 1.0})
+    path = rig_file(tmp_path / "rig.yaml", "lcus", emulated.port, limits={"min_off_s": 1.0})
     rig = Rig.load(path)
     path.unlink()
     drive_rig(SHORT, rig, path, tmp_path / "log.mcap")

@@ -7,11 +7,11 @@ from collections.abc import Iterator
 from itertools import product
 from typing import NamedTuple
 
-from hardware.guardian.pulse_controller import PulseController
-from hardware.rig.configuration import Rig
-from hardware.run.player import Player
-from hardware.schedule import ActuationSchedule
-from hardware.virtual.rig import VirtualRig
+from eldir_hardware.guardian.pulse_controller import PulseController
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.run.player import Player
+from eldir_hardware.schedule import ActuationSchedule
+from eldir_hardware.virtual.rig import VirtualRig
 from tests.hardware.safety.independent_heat import STEP, Wire, still_air, temperatures
 from tests.hardware.virtual.piston_and_observer import Piston
 
@@ -24,7 +24,7 @@ class Corner(NamedTuple):
     ambient: float
     current: float
     resistance: float
-    air_stream: float
+    convection_tolerance: float
 
 
 HOTTEST = Corner(30.0, 1.05, 1.05, 0.9)
@@ -49,7 +49,7 @@ def recorded_pulses(schedule: ActuationSchedule, rig: Rig) -> dict[int, Pulses]:
 def wire(rig: Rig, corner: Corner, *, fan: bool = True) -> Wire:
     """The spring of a rig file in a corner of its tolerances."""
     s = rig.springs
-    blown = s.convection_fan * corner.air_stream
+    blown = s.convection_fan * corner.convection_tolerance
     still = still_air(1e-3 * s.wire_diameter_mm, corner.ambient)
     return Wire(
         current=rig.supply.current_limit_a * corner.current,

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from eldir.built.heat import heat
-from hardware.rig.supply import worst_springs
-from hardware.safety import limits
-from hardware.schedule import ActuationSchedule
+from eldir_hardware.rig.supply import worst_springs
+from eldir_hardware.safety import limits
+from eldir_hardware.schedule import ActuationSchedule
 from tests.hardware.rigs_and_schedules import rig_with
 from tests.hardware.safety.independent_heat import Wire, temperatures
 from tests.hardware.safety.replayed_heat import HOTTEST, NOMINAL, peak, recorded_pulses, welded, wire
@@ -75,4 +75,4 @@ def test_a_tenth_of_the_coefficient_is_a_fifth_of_the_air_speed():
     speed = np.interp(RIG.springs.convection_fan, [coefficient(v) for v in np.linspace(0.3, 5, 400)],
                       np.linspace(0.3, 5, 400))  # fmt: skip
     assert 1.0 < speed < 2.0, "the default is this air speed [m/s]"
-    assert coefficient(0.8 * speed) >= (1 - RIG.tolerances.air_stream) * coefficient(speed) * 0.99
+    assert coefficient(0.8 * speed) >= (1 - RIG.tolerances.convection_tolerance) * coefficient(speed) * 0.99

@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from eldir.errors import EldirError
-from hardware.rig.board_identity import BoardIdentity
-from hardware.safety import latch as module
-from hardware.safety.latch import (
+from eldir_hardware.rig.board_identity import BoardIdentity
+from eldir_hardware.safety import latch as module
+from eldir_hardware.safety.latch import (
     LatchedError,
     latch,
     latch_for_driving,
@@ -18,7 +18,7 @@ from hardware.safety.latch import (
     stop_of,
     unlatch,
 )
-from hardware.safety.state_folder import StateFolder
+from eldir_hardware.safety.state_folder import StateFolder
 from tests.hardware.emulated_rigs import emulated
 from tests.raised import raises
 

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from eldir.built.heat import HeatModel, SpringState, heat
-from hardware.planning.precision import remark
-from hardware.rig.configuration import Rig
-from hardware.rig.supply import shares, worst_springs
-from hardware.safety import limits
-from hardware.safety.limits import LimitError
-from hardware.safety.stuck_contact import stuck_temperature
-from hardware.schedule import ActuationSchedule, Event
+from eldir_hardware.planning.precision import remark
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.rig.supply import shares, worst_springs
+from eldir_hardware.safety import limits
+from eldir_hardware.safety.limits import LimitError
+from eldir_hardware.safety.stuck_contact import stuck_temperature
+from eldir_hardware.schedule import ActuationSchedule, Event
 from tests.hardware.rigs_and_schedules import rig_with
 from tests.raised import raises
 
@@ -23,7 +23,7 @@ PLACES = {1: (0, "front"), 2: (0, "back"), 3: (1, "front"), 4: (1, "back")}
 
 def weak(**entries: object) -> Rig:
     """So little current that times alone decide; 1 A is at most 1.05 A."""
-    return rig_with(**{"supply": {"current_limit_a": 1.0, "budget_a": 2.1}} | entries)
+    return rig_with(**{"supply": {"current_limit_a": 1.0, "max_total_current_a": 2.1}} | entries)
 
 
 def schedule(period: float, *pulses: tuple[int, float, float]) -> ActuationSchedule:
@@ -58,7 +58,7 @@ def test_a_schedule_that_heats_nothing():
 )
 def test_how_long_a_pulse_may_be(longest, cutoff, length, most):
     """Shorter than the rig's limit and than its cut-off; the longest pulse counts."""
-    rig = weak(limits={"longest_on_s": longest}, cutoff={"kind": "timer", "longest_on_s": cutoff})
+    rig = weak(limits={"max_on_s": longest}, cutoff={"kind": "timer", "max_on_s": cutoff})
     assert limits.longest_pulse(rig) == min(longest, cutoff)
     made = schedule(30.0, (1, 0.0, length), (2, 10.0, 1.0))
     if most is None:
@@ -101,7 +101,7 @@ def test_a_gap_of_a_single_pulse_is_to_its_own_next_start():
 @pytest.mark.parametrize(("duty", "allowed"), [(0.3, True), (0.299, False)])
 def test_the_duty_of_a_channel_is_the_sum_of_its_pulses(duty, allowed):
     made = schedule(20.0, (1, 0.0, 4.0), (1, 12.0, 2.0), (2, 0.0, 3.0))
-    rig = weak(limits={"duty": duty, "least_off_s": 6.0})
+    rig = weak(limits={"duty": duty, "min_off_s": 6.0})
     if allowed:
         limits.check_schedule(made, rig)
     else:
@@ -141,7 +141,7 @@ def test_a_schedule_for_another_wiring(channel, place, told):
 
 def test_a_rig_that_must_not_heat_has_no_schedule():
     refused("contact-rating", schedule(20.0, (1, 0.0, 2.0)), weak(board={"contact_rating_a": 0.5}))
-    timed = weak(board={"kind": "modbus", "second_flash": None})
+    timed = weak(board={"kind": "modbus", "retriggerable": None})
     refused("unknown-timer", schedule(20.0, (1, 0.0, 2.0)), timed)
 
 
@@ -171,7 +171,7 @@ TRAINS = {
 @pytest.mark.parametrize("name", TRAINS)
 def test_the_predicted_peak(name):
     period, *pulses = TRAINS[name]
-    rig = rig_with(limits={"least_off_s": 4.0}, supply={"current_limit_a": 3.1})
+    rig = rig_with(limits={"min_off_s": 4.0}, supply={"current_limit_a": 3.1})
     prediction = limits.check_schedule(schedule(period, *pulses), rig)
     assert prediction.peak_c == pytest.approx(peak(rig, period, *pulses), abs=0.3)
     assert prediction.peak_c == round(prediction.peak_c, 2)
@@ -188,7 +188,7 @@ def test_a_peak_at_the_ceiling_is_refused():
     assert longer > planned + 0.5
 
     def below(ceiling: float) -> Rig:
-        return rig.model_copy(update={"limits": rig.limits.model_copy(update={"ceiling_c": ceiling})})
+        return rig.model_copy(update={"limits": rig.limits.model_copy(update={"max_temperature_c": ceiling})})
 
     made = schedule(period, pulse)
     assert limits.check_schedule(made, below(longer + 0.2)).peak_c < longer
@@ -199,7 +199,7 @@ def test_a_peak_at_the_ceiling_is_refused():
 
 def test_springs_that_share_are_cooler_together():
     """Two on one output, at the same time and one after the other."""
-    rig = rig_with(supply={"outputs": "shared", "current_limit_a": 4.0, "budget_a": 4.2})
+    rig = rig_with(supply={"outputs": "shared", "current_limit_a": 4.0, "max_total_current_a": 4.2})
     rig = Rig.from_json(rig.model_dump() | {"cutoff": {"kind": "thermal", "opens_at_c": 85.0}})
     together = limits.check_schedule(schedule(20.0, (1, 0.0, 3.8), (3, 0.0, 3.8)), rig).peak_c
     apart = limits.check_schedule(schedule(20.0, (1, 0.0, 3.8), (3, 10.0, 3.8)), rig).peak_c
@@ -218,7 +218,7 @@ def test_springs_that_share_are_cooler_together():
 def test_a_contact_that_welds_at_the_hottest_start(name, current):
     """Until the timer opens: from the state that the spring has when its pulse begins, the hottest one."""
     period, *pulses = TRAINS[name]
-    rig = rig_with(limits={"least_off_s": 4.0}, supply={"current_limit_a": current})
+    rig = rig_with(limits={"min_off_s": 4.0}, supply={"current_limit_a": current})
     worst = worst_springs(rig)
     hottest = 0.0
     times = np.arange(round(PERIODS * period / DT)) * DT
@@ -247,7 +247,7 @@ def test_a_cold_spring_without_a_schedule():
 
 @pytest.mark.parametrize("second", [8.0, 1.0], ids=["apart", "overlapping"])
 def test_behind_a_contactor_a_welded_spring_heats_with_any_other(second):
-    values = rig_with(board={"kind": "modbus", "second_flash": "restarts", "channels": 5}).model_dump()
+    values = rig_with(board={"kind": "modbus", "retriggerable": True, "channels": 5}).model_dump()
     rig = Rig.from_json(values | {"cutoff": {"kind": "contactor", "channel": 5}})
     made = schedule(20.0, (1, 0.0, 2.0), (3, second, 2.0))
     worst = worst_springs(rig)

@@ -9,17 +9,17 @@ import pytest
 import yaml
 
 from eldir.built.heat import HeatModel, heat
-from hardware.guardian.interlock import Interlock
-from hardware.planning.compiler import compile_schedule
-from hardware.planning.timing import own_timing
-from hardware.rig.configuration import Rig
-from hardware.rig.supply import coldest_springs, worst_springs
-from hardware.rig.template import virtual_rig
-from hardware.safety.limits import LimitError, check_heat, most_on
-from hardware.safety.margins import _coldest, _last, describe, heat_margins
-from hardware.safety.repeated_heat import run_until_repeated
-from hardware.schedule import ActuationSchedule
-from hardware.schedule_prediction import HeatMargins, SchedulePrediction
+from eldir_hardware.guardian.interlock import Interlock
+from eldir_hardware.planning.compiler import compile_schedule
+from eldir_hardware.planning.timing import own_timing
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.rig.supply import coldest_springs, worst_springs
+from eldir_hardware.rig.template import virtual_rig
+from eldir_hardware.safety.limits import LimitError, check_heat, most_on
+from eldir_hardware.safety.margins import _coldest, _last, describe, heat_margins
+from eldir_hardware.safety.repeated_heat import run_until_repeated
+from eldir_hardware.schedule import ActuationSchedule
+from eldir_hardware.schedule_prediction import HeatMargins, SchedulePrediction
 from tests.hardware.rigs_and_schedules import SCHEDULE, gait, measured, rig_with
 from tests.hardware.safety.replayed_heat import HOTTEST, peak, wire
 from tests.paths import SCHEMAS
@@ -68,7 +68,7 @@ def test_margins_are_as_exact_as_they_are_said_to_be(margins):
         wider = LOW.tolerances.model_copy(
             update={
                 "current": LOW.tolerances.current + current / nominal,
-                "hottest_c": LOW.tolerances.hottest_c + ambient,
+                "ambient_max_c": LOW.tolerances.ambient_max_c + ambient,
             }
         )
         try:
@@ -122,8 +122,8 @@ def test_margins_are_written_into_the_schedule_and_said(margins):
     "changes",
     [
         {"current": 0.1},
-        {"hottest_c": 36.0},
-        {"air_stream": 0.25},
+        {"ambient_max_c": 36.0},
+        {"convection_tolerance": 0.25},
     ],
 )
 def test_every_tolerance_counts_for_schedule_and_guardian(changes):
@@ -138,7 +138,7 @@ def test_every_tolerance_counts_for_schedule_and_guardian(changes):
     if guardian is not None:
         assert worst_springs(wide).power(0.0) >= worst_springs(narrow).power(0.0)
         first = guardian._state.temperature[len(wide.channels) :]
-        assert (first == wide.tolerances.hottest_c).all(), (
+        assert (first == wide.tolerances.ambient_max_c).all(), (
             "the model of the guardian begins in the same corner"
         )
 
@@ -158,17 +158,19 @@ def test_a_fan_counts_only_with_its_interlock():
 
 def test_former_rig_files_are_refused_with_the_temperature():
     """4 A and a timer of 6.3 s: what version 0.1.0 wrote."""
-    text = virtual_rig().replace("current_limit_a: 3.45, budget_a: 16", "current_limit_a: 4, budget_a: 20")
+    text = virtual_rig().replace(
+        "current_limit_a: 3.45, max_total_current_a: 16", "current_limit_a: 4, max_total_current_a: 20"
+    )
     with raises(LimitError, "limit.too-hot", match=r"at most 90 C; found (9|10)\d"):
         compile_schedule(gait(duty=(0.3, 0.3)), Rig.from_json(yaml.safe_load(text)))
 
 
 def test_the_planner_stays_within_the_worst_corner():
     """At 4 A the whole heating is too hot after the shortest pause; with longer pauses it is not."""
-    for rig in (rig_with(), thermal(supply={"current_limit_a": 4.0, "budget_a": 20})):
+    for rig in (rig_with(), thermal(supply={"current_limit_a": 4.0, "max_total_current_a": 20})):
         period, duty = own_timing(rig.spring_parameters(), rig, 2)
         compile_schedule(gait(duty=(duty, duty), period=period), rig)
-        assert 15 < period < 45 and 3.0 < duty * period <= rig.limits.longest_on_s
+        assert 15 < period < 45 and 3.0 < duty * period <= rig.limits.max_on_s
 
 
 @pytest.mark.parametrize("duty", [0.15, 0.2, 0.25, 0.5])

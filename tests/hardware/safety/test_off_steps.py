@@ -17,13 +17,13 @@ from pathlib import Path
 import pytest
 
 from eldir.errors import InputError
-from hardware.relay.off_frames import off_frames
-from hardware.relay.registration import Board, kinds
-from hardware.rig.board_identity import identify
-from hardware.safety import switch_off as switching
-from hardware.safety.latch import BoardRecord, boottime, latch, latch_for_driving, record_of, stop_of
-from hardware.safety.off_targets import Target
-from hardware.testing.powered_board import close_contacts
+from eldir_hardware.relay.off_frames import off_frames
+from eldir_hardware.relay.registration import Board, kinds
+from eldir_hardware.rig.board_identity import identify
+from eldir_hardware.safety import switch_off as switching
+from eldir_hardware.safety.latch import BoardRecord, boottime, latch, latch_for_driving, record_of, stop_of
+from eldir_hardware.safety.off_targets import Target
+from eldir_hardware.testing.powered_board import close_contacts
 from tests.hardware.emulated_rigs import emulated, wait
 
 NOBODY = Path("/no/shared/folder")
@@ -36,9 +36,9 @@ PROVEN = "all 4 channels are open by the board's report"
 HOLDER = """
 import fcntl, os, signal, sys, threading
 from pathlib import Path
-from hardware.clock import WallClock
-from hardware.emulator.lcus import EmulatedLcus
-from hardware.safety.latch import latch
+from eldir_hardware.clock import WallClock
+from eldir_hardware.emulator.lcus import EmulatedLcus
+from eldir_hardware.safety.latch import latch
 port, manner = sys.argv[1:]
 board = EmulatedLcus(4, WallClock()) if port == "own" else None
 if board:

@@ -7,14 +7,14 @@ from types import SimpleNamespace
 import pytest
 
 from eldir.errors import InputError
-from hardware.relay.registration import kinds
-from hardware.rig.board_identity import BoardIdentity
-from hardware.rig.port_holder import Guarded, lock_of
-from hardware.rig.told import ToldBoard, told_by
-from hardware.safety import off_targets as module
-from hardware.safety.latch import BoardRecord
-from hardware.safety.off_targets import Target, off_targets
-from hardware.safety.state_folder import StateError
+from eldir_hardware.relay.registration import kinds
+from eldir_hardware.rig.board_hints import BoardHints, read_board_hints
+from eldir_hardware.rig.board_identity import BoardIdentity
+from eldir_hardware.rig.port_holder import Guarded, lock_of
+from eldir_hardware.safety import off_targets as module
+from eldir_hardware.safety.latch import BoardRecord
+from eldir_hardware.safety.off_targets import Target, off_targets
+from eldir_hardware.safety.state_folder import StateError
 from tests.raised import raises
 
 
@@ -22,14 +22,14 @@ from tests.raised import raises
 def hints(monkeypatch):
     """What the file, the guardians and the records say."""
 
-    hints = SimpleNamespace(told=ToldBoard(), guarded=[], records={}, wrong={}, unreadable=None)
+    hints = SimpleNamespace(told=BoardHints(), guarded=[], records={}, wrong={}, unreadable=None)
 
     def read_records(shared: Path):
         if hints.unreadable:
             raise hints.unreadable
         return hints.records, hints.wrong
 
-    monkeypatch.setattr(module, "told_by", lambda path: hints.told)
+    monkeypatch.setattr(module, "read_board_hints", lambda path: hints.told)
     monkeypatch.setattr(module, "guarded_ports", lambda: hints.guarded)
     monkeypatch.setattr(module, "read_records", read_records)
     return hints
@@ -136,7 +136,7 @@ def test_other_guarded_ports_are_named_in_order(hints):
 
 
 def test_the_file_s_port_and_those_through_which_its_rig_was_driven(hints):
-    hints.told = ToldBoard(("/dev/null",), ("real", "lcus"), 4, "bench", problem="a line is damaged")
+    hints.told = BoardHints(("/dev/null",), ("real", "lcus"), 4, "bench", problem="a line is damaged")
     hints.wrong = {"board-1.json": "board-1.json is damaged"}
     hints.records = {
         "a": record("/dev/ttyUSB70", rig="bench"),
@@ -150,7 +150,7 @@ def test_the_file_s_port_and_those_through_which_its_rig_was_driven(hints):
     }
     assert remarks == ["a line is damaged", "board-1.json is damaged"]
     assert found(Path("rig.yaml"), "/dev/zero", None) == {"/dev/zero": [("lcus", 4)]}
-    hints.told = ToldBoard(("/dev/null",), ("lcus",), 4, None)  # its name cannot be read
+    hints.told = BoardHints(("/dev/null",), ("lcus",), 4, None)  # its name cannot be read
     assert list(found(Path("rig.yaml"), None, None)) == [
         "/dev/null", "/dev/ttyUSB70", "/dev/ttyUSB71", "/dev/ttyUSB72",
     ]  # fmt: skip
@@ -163,21 +163,21 @@ def test_records_that_cannot_be_read_stop_nothing(hints):
 
 
 def test_a_virtual_rig_has_no_port_unless_one_is_named(hints):
-    hints.told = ToldBoard(virtual=True)
+    hints.told = BoardHints(virtual=True)
     with raises(InputError, "rig.virtual", match=r"rig.yaml"):
         off_targets(Path("rig.yaml"), None, None)
     assert list(found(Path("rig.yaml"), "/dev/null", None)) == ["/dev/null"]
-    hints.told = ToldBoard(("/dev/null",), virtual=True)
+    hints.told = BoardHints(("/dev/null",), virtual=True)
     assert list(found(Path("rig.yaml"), None, None)) == ["/dev/null"]
 
 
 # What a file tells.
 
 
-def told(tmp_path: Path, text: str | bytes) -> ToldBoard:
+def told(tmp_path: Path, text: str | bytes) -> BoardHints:
     path = tmp_path / "rig.yaml"
     path.write_bytes(text if isinstance(text, bytes) else text.encode())
-    return told_by(path)
+    return read_board_hints(path)
 
 
 def test_the_entries_of_a_file(tmp_path):
@@ -190,7 +190,7 @@ board:
   port: "/dev/my board"
   channels: 8
 """
-    assert told(tmp_path, text) == ToldBoard(("/dev/my board",), ("real", "lcus"), 8, "my bench")
+    assert told(tmp_path, text) == BoardHints(("/dev/my board",), ("real", "lcus"), 8, "my bench")
     assert told(tmp_path, "kind: virtual\n").virtual
     assert not told(tmp_path, "kind: virtually\nboard: {kind: virtual}\n").virtual
     assert not told(tmp_path, "kind: real\n").sensor and told(tmp_path, "sensor: {kind: x}\n").sensor
@@ -246,11 +246,11 @@ def test_channels(tmp_path, text, channels):
 
 def test_files_that_are_none(tmp_path):
     path = tmp_path / "rig.yaml"
-    assert told_by(path) == ToldBoard(problem=f"cannot read {path}: No such file or directory")
-    assert told_by(tmp_path).problem == f"cannot read {tmp_path}: Is a directory"
+    assert read_board_hints(path) == BoardHints(problem=f"cannot read {path}: No such file or directory")
+    assert read_board_hints(tmp_path).problem == f"cannot read {tmp_path}: Is a directory"
     os.mkfifo(path)
-    assert told_by(path) == ToldBoard(problem=f"{path} is not a file")
-    assert told_by(Path("a\0b")) == ToldBoard(problem="cannot read a\0b: embedded null byte")
+    assert read_board_hints(path) == BoardHints(problem=f"{path} is not a file")
+    assert read_board_hints(Path("a\0b")) == BoardHints(problem="cannot read a\0b: embedded null byte")
 
 
 def test_long_files_and_files_that_are_no_text(tmp_path):

@@ -9,11 +9,11 @@ from types import SimpleNamespace
 
 import pytest
 
-from hardware.relay.errors import PortError
-from hardware.rig.port_holder import Holder
-from hardware.safety import holder_stopper as stopping
-from hardware.safety import switch_off as switching
-from hardware.safety.holder_stopper import HolderStopper
+from eldir_hardware.relay.errors import PortError
+from eldir_hardware.rig.port_holder import Holder
+from eldir_hardware.safety import holder_stopper as stopping
+from eldir_hardware.safety import switch_off as switching
+from eldir_hardware.safety.holder_stopper import HolderStopper
 
 PORT = "/dev/ttyUSB70"
 

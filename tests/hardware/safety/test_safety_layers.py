@@ -13,25 +13,25 @@ import pytest
 
 from eldir.built.heat import HeatModel, SpringState
 from eldir.errors import EldirError
-from hardware.guardian import pulse_controller
-from hardware.guardian.interlock import Interlock
-from hardware.guardian.pulse_controller import PulseController
-from hardware.planning.compiler import compile_schedule
-from hardware.relay.errors import ContactError
-from hardware.rig.configuration import Rig
-from hardware.rig.supply import shares, worst_springs
-from hardware.run.player import Player
-from hardware.safety import limits
-from hardware.safety.limits import LimitError
-from hardware.safety.stuck_contact import stuck_temperature
-from hardware.virtual.rig import VirtualRig
+from eldir_hardware.guardian import pulse_controller
+from eldir_hardware.guardian.interlock import Interlock
+from eldir_hardware.guardian.pulse_controller import PulseController
+from eldir_hardware.planning.compiler import compile_schedule
+from eldir_hardware.relay.errors import ContactError
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.rig.supply import shares, worst_springs
+from eldir_hardware.run.player import Player
+from eldir_hardware.safety import limits
+from eldir_hardware.safety.limits import LimitError
+from eldir_hardware.safety.stuck_contact import stuck_temperature
+from eldir_hardware.virtual.rig import VirtualRig
 from tests.hardware.guardian.random_pulse_trains import play_random_train
 from tests.hardware.rigs_and_schedules import SCHEDULE, gait, measured, rig_with
 from tests.hardware.run.hours_of_a_schedule import hours_of_a_schedule
 from tests.hardware.virtual.piston_and_observer import Piston
 from tests.raised import raises
 
-TIMED = {"kind": "modbus", "second_flash": "restarts"}
+TIMED = {"kind": "modbus", "retriggerable": True}
 
 
 def ignore(report) -> None:
@@ -84,8 +84,8 @@ def test_a_shared_supply_counts_as_if_one_spring_had_it_alone():
 @pytest.mark.parametrize(
     ("cutoff", "accepted"),
     [
-        ({"kind": "timer", "longest_on_s": 6.3}, True),
-        ({"kind": "timer", "longest_on_s": 7.5}, False),
+        ({"kind": "timer", "max_on_s": 6.3}, True),
+        ({"kind": "timer", "max_on_s": 7.5}, False),
         ({"kind": "thermal", "opens_at_c": 85.0}, True),
         ({"kind": "thermal", "opens_at_c": 95.0}, False),
         ({"kind": "contactor", "channel": 5}, False),
@@ -112,9 +112,9 @@ def test_a_contactor_that_the_board_itself_opens():
         with bank.armed():
             bank.heat(1.0, {1: 2.0})
             bank.heat(20.0, {1: 2.0})
-            bank.rest_until(21.0, ignore)
-            bank.cut()
-            bank.rest_until(22.0, ignore)
+            bank.wait_until(21.0, ignore)
+            bank.abort_pulses()
+            bank.wait_until(22.0, ignore)
         by_channel = {c: [e.t for e in virtual.emulator.edges if e.channel == c] for c in (1, 5)}
     for i in (0, 2):
         (on, off), (master_on, master_off) = by_channel[1][i : i + 2], by_channel[5][i : i + 2]
@@ -148,7 +148,7 @@ def test_a_timed_pulse_ends_when_host_and_guardian_are_gone():
             bank = PulseController(virtual.board, rig, virtual.clock)
             bank.arm()
             bank.heat(virtual.clock.now() + 0.3, {1: 5.0})
-            bank.rest_until(virtual.clock.now() + 2.0, ignore)
+            bank.wait_until(virtual.clock.now() + 2.0, ignore)
             died = virtual.clock.now()
             virtual.clock.sleep_until(died + 5.0)
             assert (virtual.emulator.contacts[0] is False) is opens
@@ -164,10 +164,10 @@ def test_pulses_are_refused_until_a_second_flash_is_understood():
 def test_a_step_of_the_timer_that_is_too_long_is_refused():
     """A thin wire on a stiff supply: 100 ms more at the end of a pulse would pass the ceiling."""
     thin = rig_with(
-        supply={"current_limit_a": 10, "budget_a": 40},
+        supply={"current_limit_a": 10, "max_total_current_a": 40},
         springs={"wire_diameter_mm": 0.5, "coil_diameter_mm": 5, "resistance_ohm": 2.3},
         board=TIMED | {"contact_rating_a": 16},
-        limits={"longest_on_s": 0.5, "least_off_s": 8.0},
+        limits={"max_on_s": 0.5, "min_off_s": 8.0},
     )
     values = thin.model_dump() | {"cutoff": {"kind": "thermal", "opens_at_c": 85.0}}
     thin = Rig.from_json(values)
@@ -193,7 +193,7 @@ def heating() -> Iterator[tuple[VirtualRig, PulseController]]:
         bank = PulseController(virtual.board, rig, virtual.clock)
         bank.arm()
         bank.heat(0.5, {1: 5.0})
-        bank.rest_until(1.0, ignore)
+        bank.wait_until(1.0, ignore)
         yield virtual, bank
 
 
@@ -232,26 +232,26 @@ def test_who_stood_still_stops_although_a_heartbeat_lay_in_the_pipe():
 )
 def test_what_no_command_may_break(pulses, code):
     """By so weak a current that no temperature forbids anything."""
-    rig = rig_with(supply={"current_limit_a": 1.5, "budget_a": 3}, limits={"duty": 0.35})
+    rig = rig_with(supply={"current_limit_a": 1.5, "max_total_current_a": 3}, limits={"duty": 0.35})
     with VirtualRig(rig, Piston()) as virtual:
         bank = PulseController(virtual.board, rig, virtual.clock)
         with raises(LimitError, code), bank.armed():
             for t, lengths in pulses:
-                bank.rest_until(t - 0.3, ignore)
+                bank.wait_until(t - 0.3, ignore)
                 bank.heat(t, lengths)
-            bank.rest_until(pulses[-1][0] + 1.0, ignore)
+            bank.wait_until(pulses[-1][0] + 1.0, ignore)
         assert not any(virtual.emulator.contacts)
 
 
 def test_the_current_is_checked_again_at_the_edge():
     """Announced 40 ms before another opens, which is as good as after it; but its contact is closed still."""
-    rig = rig_with(supply={"budget_a": 4})
+    rig = rig_with(supply={"max_total_current_a": 4})
     with VirtualRig(rig, Piston()) as virtual:
         bank = PulseController(virtual.board, rig, virtual.clock)
         with raises(LimitError, "limit.supply"), bank.armed():
             bank.heat(1.0, {1: 2.0})
             bank.heat(2.96, {2: 1.0})
-            bank.rest_until(5.0, ignore)
+            bank.wait_until(5.0, ignore)
         assert not any(virtual.emulator.contacts) and {e.channel for e in virtual.emulator.edges} == {1}
 
 
@@ -286,10 +286,10 @@ def test_a_spring_that_is_too_hot_by_the_model_ends_the_run():
         bank = PulseController(virtual.board, rig, virtual.clock)
         with raises(LimitError, "limit.too-hot", match="by the model"), bank.armed():
             bank.heat(0.5, {1: 5.0})
-            bank.rest_until(2.0, ignore)
+            bank.wait_until(2.0, ignore)
             hot = bank._interlock._state
             bank._interlock._state = SpringState(hot.temperature + 70.0, hot.martensite)
-            bank.rest_until(2.5, ignore)
+            bank.wait_until(2.5, ignore)
         assert not any(virtual.emulator.contacts) and virtual.clock.now() < 2.6
 
 
@@ -298,15 +298,15 @@ def test_a_contact_that_closes_by_itself_ends_the_run():
     with VirtualRig(rig, Piston()) as virtual:
         bank = PulseController(virtual.board, rig, virtual.clock)
         with pytest.raises(ContactError, match="channel 2 does not follow"), bank.armed():
-            bank.rest_until(1.0, ignore)
+            bank.wait_until(1.0, ignore)
             virtual.emulator._set_coil(2, True)
-            bank.rest_until(3.0, ignore)
+            bank.wait_until(3.0, ignore)
         assert not any(virtual.emulator.contacts) and virtual.clock.now() < 2.5
 
 
 def test_a_pulse_whose_spring_is_still_hot_is_refused():
     """Each pulse is short and rested, but the springs have not cooled by the model."""
-    rig = rig_with(limits={"least_off_s": 1.0, "duty": 1.0, "longest_on_s": 4.0})
+    rig = rig_with(limits={"min_off_s": 1.0, "duty": 1.0, "max_on_s": 4.0})
     watch = Interlock(rig, 0.0)
     now = 0.0
     with raises(LimitError, "limit.too-hot", match="by the model"):
@@ -337,7 +337,7 @@ def test_standing_still_while_it_waits_for_the_board_is_noticed(monkeypatch, pha
         with bank.armed():
             bank.heat(1.0, {1: 5.0})
             bank.heat(2.5, {2: 3.0})
-            bank.rest_until(6.0, ignore)
+            bank.wait_until(6.0, ignore)
         assert not left, "it stood still"
 
     rig = rig_with()
@@ -388,14 +388,14 @@ def test_a_good_end_opens_what_still_heats():
         bank = PulseController(virtual.board, rig, virtual.clock)
         with bank.armed():
             bank.heat(1.0, {1: 5.0})
-            bank.rest_until(2.0, ignore)
+            bank.wait_until(2.0, ignore)
             assert virtual.emulator.contacts == (True, False, False, False, True)
         assert not any(virtual.emulator.contacts) and virtual.clock.now() < 2.5
 
 
 def test_a_player_takes_no_schedule_that_its_rig_refuses():
     """Even if a bank took each of its pulses."""
-    rig = rig_with(limits={"ceiling_c": 70})
+    rig = rig_with(limits={"max_temperature_c": 70})
     with VirtualRig(rig_with(), Piston()) as virtual:
         bank = PulseController(virtual.board, rig_with(), virtual.clock)
         with raises(LimitError, "limit.too-hot", match="at most 70 C"):
@@ -409,16 +409,16 @@ def test_nothing_heats_while_the_fan_is_off():
         bank = PulseController(virtual.board, rig, virtual.clock)
         virtual.emulator.faults.deaf.add(5)
         with pytest.raises(EldirError, match="channel 5 does not follow"), bank.armed():
-            bank.rest_until(2.0, ignore)
+            bank.wait_until(2.0, ignore)
         assert virtual.emulator.edges == []
     with VirtualRig(rig, Piston()) as virtual:
         bank = PulseController(virtual.board, rig, virtual.clock)
         with pytest.raises(EldirError, match="channel 5 does not follow"), bank.armed():
             bank.heat(1.0, {1: 5.0})
-            bank.rest_until(2.0, ignore)
+            bank.wait_until(2.0, ignore)
             assert virtual.emulator.contacts == (True, False, False, False, True)
             virtual.emulator._set_coil(5, False)
-            bank.rest_until(4.0, ignore)
+            bank.wait_until(4.0, ignore)
         assert not any(virtual.emulator.contacts), "the fan too, at the end"
 
 

@@ -16,24 +16,24 @@ from eldir.design import Design
 from eldir.errors import EldirError, InputError
 from eldir.lattice import Lattice
 from eldir.parameters.wiring import wiring, wiring_digest
-from hardware.commands.rig import rig as command
-from hardware.log.reader import read_log
-from hardware.log.salvage import sound_records
-from hardware.planning.compiler import compile_schedule
-from hardware.rig.configuration import Rig
-from hardware.rig.supply import LimitError
-from hardware.rig.template import real_rig, virtual_rig
-from hardware.run.drive import drive_rig
-from hardware.safety.limits import check_schedule
-from hardware.safety.schedule_digests import (
+from eldir_app.commands.rig import rig as command
+from eldir_hardware.log.reader import read_log
+from eldir_hardware.log.salvage import valid_records
+from eldir_hardware.planning.compiler import compile_schedule
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.rig.supply import LimitError
+from eldir_hardware.rig.template import real_rig, virtual_rig
+from eldir_hardware.run.drive import drive_rig
+from eldir_hardware.safety.limits import check_schedule
+from eldir_hardware.safety.schedule_digests import (
     MismatchError,
     design_digest,
     require_made_for,
     rig_digests,
     schedule_digest,
-    sealed,
+    with_digests,
 )
-from hardware.schedule import LONGEST_PERIOD, MOST_EVENTS, ActuationSchedule, Event
+from eldir_hardware.schedule import LONGEST_PERIOD, MOST_EVENTS, ActuationSchedule, Event
 from tests.eldir.random_design import make_design
 from tests.hardware.rigs_and_schedules import RIG, SCHEDULE, gait, rig_with
 from tests.paths import ROOT
@@ -51,14 +51,14 @@ def design() -> Design:
 @pytest.fixture(scope="module")
 def made(design: Design) -> ActuationSchedule:
     springs = tuple(int(s) for s in np.flatnonzero(design.morphology.active))
-    return sealed(compile_schedule(gait(), RIG, springs, cycles=1), RIG, design)
+    return with_digests(compile_schedule(gait(), RIG, springs, cycles=1), RIG, design)
 
 
 def test_the_wiring_is_that_of_the_motors_which_the_schedule_names():
     """All of the rig's where it names none."""
     rig = rig_with()
     one, two, none = (
-        sealed(replace(SCHEDULE, springs=named), rig).provenance.digests.wiring
+        with_digests(replace(SCHEDULE, springs=named), rig).provenance.digests.wiring
         for named in ((4,), (4, 7), ())
     )
     assert rig.motors == 2 and one == wiring_digest(wiring(1)) and two == none == wiring_digest(wiring(2))
@@ -113,8 +113,8 @@ def test_a_schedule_of_another_design_is_refused(design, made):
         ("springs", {"resistance_ohm": 1.1}),
         ("tolerances", {"current": 0.06}),
         ("fan", {"interlocked": False}),
-        ("cutoff", {"longest_on_s": 6.4}),
-        ("limits", {"ceiling_c": 89}),
+        ("cutoff", {"max_on_s": 6.4}),
+        ("limits", {"max_temperature_c": 89}),
     ],
 )
 def test_a_schedule_for_other_rig_values_is_refused(design, made, section, change):
@@ -123,7 +123,7 @@ def test_a_schedule_for_other_rig_values_is_refused(design, made, section, chang
 
 
 def test_every_difference_is_named(design, made):
-    other = rig_with(supply={"current_limit_a": 3.5}, limits={"ceiling_c": 89})
+    other = rig_with(supply={"current_limit_a": 3.5}, limits={"max_temperature_c": 89})
     message = "it was edited after eldir gait; the rig file has other values in supply, limits; make it again"
     with pytest.raises(MismatchError, match=message):
         require_made_for(changed(made, cycles=2), other, design)
@@ -131,7 +131,9 @@ def test_every_difference_is_named(design, made):
 
 def test_the_order_of_entries_in_the_file_does_not_matter(made, tmp_path):
     """A program that reads and writes JSON may sort them."""
-    noted = sealed(replace(made, provenance=replace(made.provenance, notes={"hold": 0.3, "by": "hand"})), RIG)
+    noted = with_digests(
+        replace(made, provenance=replace(made.provenance, notes={"hold": 0.3, "by": "hand"})), RIG
+    )
     (tmp_path / "schedule.json").write_text(json.dumps(noted.to_json(), sort_keys=True))
     assert require_made_for(ActuationSchedule.load(tmp_path / "schedule.json"), RIG, None) is None
 
@@ -157,7 +159,7 @@ def test_a_schedule_without_digests_is_refused(made):
 
 @pytest.mark.parametrize("springs", [(), (7,)])
 def test_springs_that_are_not_named_are_refused_always(springs):
-    short = sealed(replace(SCHEDULE, springs=springs), RIG)
+    short = with_digests(replace(SCHEDULE, springs=springs), RIG)
     with raises(InputError, "schedule.springs-missing", match=r"expected 2 indices"):
         require_made_for(short, RIG, None, "I know")
 
@@ -203,7 +205,7 @@ def test_the_command_refuses_and_plays_with_a_reason(tmp_path):
     line = "the schedule was accepted although it was edited after eldir gait: bench test, no robot"
     assert line in [text for _, _, text in log.statuses]
     notes = [
-        r.metadata for r in sound_records((tmp_path / "log.mcap").read_bytes()) if hasattr(r, "metadata")
+        r.metadata for r in valid_records((tmp_path / "log.mcap").read_bytes()) if hasattr(r, "metadata")
     ]
     assert notes and all("bench test" in note["accepted"] for note in notes)
     assert notes[0]["rig_sha256"] == Rig.load(tmp_path / "rig.yaml").digest
@@ -213,7 +215,7 @@ def test_the_command_refuses_and_plays_with_a_reason(tmp_path):
 def test_no_reason_lifts_a_limit(tmp_path):
     path = tmp_path / "rig.yaml"
     path.write_text(NO_CAMERA)
-    too_long = compile_schedule(gait(duty=(0.275, 0.275)), rig_with(limits={"longest_on_s": 6}), (7, 12))
+    too_long = compile_schedule(gait(duty=(0.275, 0.275)), rig_with(limits={"max_on_s": 6}), (7, 12))
     hot = replace(
         too_long, events=tuple(sorted(replace(e, t_s=e.t_s + (0 if e.on else 1)) for e in too_long.events))
     )
@@ -236,7 +238,7 @@ def test_the_example_of_the_ros_nodes_fits_together():
             require_made_for(schedule, Rig.load(folder / "rig.yaml"), Design.load(folder / "design.json"))
             is None
         )
-    except EldirError as error:  # seal it again with `sealed`, or make it again with eldir gait
+    except EldirError as error:  # seal it again with `with_digests`, or make it again with eldir gait
         pytest.fail(str(error))
 
 
@@ -296,7 +298,7 @@ def write(path: Path, values: object) -> Path:
 
 def test_the_largest_schedule_is_checked_in_a_second():
     """A hundred units of work are a second on a processor of 2021; three times that is refused."""
-    rig = rig_with(limits={"least_off_s": 0.1, "duty": 1.0})
+    rig = rig_with(limits={"min_off_s": 0.1, "duty": 1.0})
     wired = [(c.channel, c.spring, c.face) for c in rig.channels]
     count = MOST_EVENTS // 2 // len(wired)
     step = LONGEST_PERIOD / count

@@ -16,18 +16,18 @@ from hypothesis import strategies as st
 
 from eldir.built.heat import HeatModel, SpringState
 from eldir.errors import EldirError
-from hardware.guardian.client import Guardian
-from hardware.guardian.interlock import Interlock
-from hardware.guardian.pulse_controller import AsleepError
-from hardware.relay.errors import SilentBoardError
-from hardware.rig.configuration import Rig
-from hardware.rig.supply import worst_springs
-from hardware.rig.template import virtual_rig
-from hardware.run.opened_rig import bank_of
-from hardware.safety import spring_memory
-from hardware.safety.latch import require_unlatched, stop_of, unlatch
-from hardware.safety.limits import LimitError
-from hardware.safety.spring_memory import (
+from eldir_hardware.guardian.client import Guardian
+from eldir_hardware.guardian.interlock import Interlock
+from eldir_hardware.guardian.pulse_controller import AsleepError
+from eldir_hardware.relay.errors import SilentBoardError
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.rig.supply import worst_springs
+from eldir_hardware.rig.template import virtual_rig
+from eldir_hardware.run.opened_rig import bank_of
+from eldir_hardware.safety import spring_memory
+from eldir_hardware.safety.latch import require_unlatched, stop_of, unlatch
+from eldir_hardware.safety.limits import LimitError
+from eldir_hardware.safety.spring_memory import (
     FORGOTTEN,
     SpringHeat,
     at_the_ceiling,
@@ -35,7 +35,7 @@ from hardware.safety.spring_memory import (
     remembered,
     settle,
 )
-from hardware.safety.state_folder import StateFolder
+from eldir_hardware.safety.state_folder import StateFolder
 from tests.hardware.emulated_rigs import emulated, heating_program, rig_file, wait
 from tests.hardware.guardian.pulse_controllers import FAN, controlled, ignore, rig_of
 from tests.hardware.rigs_and_schedules import rig_with
@@ -229,7 +229,7 @@ def test_a_second_guardian_goes_on_from_the_first(pulse, age, channel):
     )
     assert second.temperatures[channel - 1] == pytest.approx(float(cooled), abs=0.3)
     assert np.delete(second.temperatures, channel - 1) == pytest.approx([22.0] * 3, abs=0.01)
-    missing = rig.limits.least_off_s - (age + 0.1)
+    missing = rig.limits.min_off_s - (age + 0.1)
     assert second.rest_left(5000.0) >= missing - 1e-6
     for ahead in (missing - 0.2, missing + 0.2):
         if ahead > 0:
@@ -272,7 +272,7 @@ def test_rest_and_heat_are_those_of_the_instant():
     """The last opening of any channel counts, and springs cool meanwhile."""
     hot = SpringHeat((60.0, 75.0), (0.0, 0.0), ((9.0, 4.0),))
     watch = Interlock(rig_with(), 50.0, {1: hot, 2: SpringHeat((22.0, 30.0), (1.0, 1.0), ((3.0, 1.0),))})
-    first, least = watch.rest_left(50.0), rig_with().limits.least_off_s
+    first, least = watch.rest_left(50.0), rig_with().limits.min_off_s
     assert watch.rest_left(53.0) == pytest.approx(first - 3.0, abs=1.1)
     assert watch.heat_left(60.0)[1].temperature_c[1] < 60.0
     cold = SpringHeat((22.0, 30.0), (1.0, 1.0), ())
@@ -285,7 +285,7 @@ def test_how_long_thick_springs_must_rest_is_known_at_once(still):
     """They cool for hours, and the program waits ten seconds for an answer. Against small steps."""
     thick = {"wire_diameter_mm": 3.0, "coil_diameter_mm": 12.0, "resistance_ohm": 0.1139}
     thick["convection_still"] = still
-    rig = rig_with(fan=None, springs=thick, board={"channels": 8}, supply={"budget_a": 100})
+    rig = rig_with(fan=None, springs=thick, board={"channels": 8}, supply={"max_total_current_a": 100})
     entries = [{"channel": c, "spring": c - 1, "face": "front"} for c in range(1, 9)]
     rig = Rig.from_json(rig.model_dump() | {"channels": entries})
     for age in (0.0, 1800.0):
@@ -293,7 +293,7 @@ def test_how_long_thick_springs_must_rest_is_known_at_once(still):
         begun = time.process_time()
         found = Interlock(rig, 5000.0, hot).rest_left(5000.0)
         assert time.process_time() - begun < 0.2
-        worst, hottest = worst_springs(rig), np.array([rig.limits.ceiling_c])
+        worst, hottest = worst_springs(rig), np.array([rig.limits.max_temperature_c])
         history = HeatModel([worst]).run(np.zeros((40_000, 1)), 0.5, SpringState(hottest, np.zeros(1)))
         cooled = 0.5 * (np.flatnonzero(history.temperature[:, 0] <= worst.ambient + 2.0)[0] + 1)
         assert found == pytest.approx(cooled - age, abs=2.0) and cooled > 5000
@@ -312,12 +312,12 @@ def test_springs_that_may_be_hot_rest_until_even_the_hottest_has_cooled():
     """Against the heat model in small steps, from the ceiling."""
     rig = rig_with()
     watch = Interlock(rig, 100.0, at_the_ceiling(rig))
-    assert max(watch.temperatures) == pytest.approx(rig.limits.ceiling_c, abs=0.5)
-    worst, ceiling = worst_springs(rig), rig.limits.ceiling_c
+    assert max(watch.temperatures) == pytest.approx(rig.limits.max_temperature_c, abs=0.5)
+    worst, ceiling = worst_springs(rig), rig.limits.max_temperature_c
     state = SpringState(np.array([ceiling]), np.zeros(1))
     cooling = HeatModel([worst]).run(np.zeros((20_000, 1)), DT, state).temperature[:, 0]
     expected = DT * (np.flatnonzero(cooling <= worst.ambient + 2.0)[0] + 1)
-    assert watch.rest_left(100.0) == pytest.approx(max(expected, rig.limits.least_off_s), abs=1.0)
+    assert watch.rest_left(100.0) == pytest.approx(max(expected, rig.limits.min_off_s), abs=1.0)
     with pytest.raises(LimitError, match=r"too little time to cool|too hot"):
         watch.allow(101.0, {1: 5.0})
 
@@ -412,7 +412,7 @@ def test_between_two_runs_no_fan_blows():
 def test_what_a_run_found_hot_is_neither_its_peak_nor_its_fault():
     """Such as with a ceiling that was lowered since."""
     rig = rig_with()
-    ceiling = rig.limits.ceiling_c
+    ceiling = rig.limits.max_temperature_c
     watch = Interlock(rig, 50.0, {1: SpringHeat((ceiling + 3.0, ceiling + 4.0), (0.0, 0.0), ())})
     watch.reported(OPEN, 50.1)
     watch.check(50.1)
@@ -446,12 +446,12 @@ def test_the_same_controller_tells_its_rest_when_it_is_armed():
         bank.arm()
         assert bank.rested_at <= virtual.clock.now()
         bank.heat(1.0, {1: 5.0})
-        bank.rest_until(6.5, ignore)
+        bank.wait_until(6.5, ignore)
         bank.disarm()
         left = bank.heat_left()
         assert left[1].temperature_c[0] > 45 and left[2].temperature_c[0] == pytest.approx(22.0, abs=0.01)
         bank.arm()
-        assert bank.rested_at > virtual.clock.now() + rig_with().limits.least_off_s - 1.5
+        assert bank.rested_at > virtual.clock.now() + rig_with().limits.min_off_s - 1.5
 
 
 @pytest.mark.parametrize("silent", [False, True])
@@ -462,12 +462,12 @@ def test_springs_may_be_hot_if_the_computer_slept_while_they_were_heated(silent)
         slept[0] = 60.0  # before it arms: nothing was closed
         bank.arm()
         bank.heat(1.0, {1: 5.0})
-        bank.rest_until(2.0, ignore)
+        bank.wait_until(2.0, ignore)
         assert bank.heat_left() is not None
         slept[0] += 3600.0
         virtual.emulator.faults.silent = silent
         with pytest.raises(SilentBoardError if silent else AsleepError):
-            bank.rest_until(4.0, ignore) if not silent else bank._look()
+            bank.wait_until(4.0, ignore) if not silent else bank._look()
         virtual.emulator.faults.silent = False
         bank.stop("it was asleep")
         assert bank.heat_left() is None
@@ -495,7 +495,7 @@ def test_a_spring_behind_a_contactor_begins_as_hot_as_the_hottest():
     hot = {1: SpringHeat((80.0, 86.0), (0.0, 0.0), (), place=PLACES[1])}
     hot |= {c: replace(COLD, place=place) for c, place in PLACES.items() if c > 1}
     welded = Interlock(rig_of("modbus", {"kind": "contactor", "channel": 5}), 50.0, hot)
-    alone = Interlock(rig_of("modbus", {"kind": "timer", "longest_on_s": 6.3}), 50.0, hot)
+    alone = Interlock(rig_of("modbus", {"kind": "timer", "max_on_s": 6.3}), 50.0, hot)
     assert "a spring would get too hot" in refusal_of(welded, {2: 3.0})
     assert refusal_of(alone, {2: 3.0}) == ""
 
@@ -510,7 +510,7 @@ def refusal_of(watch: Interlock, lengths: dict[int, float]) -> str:
 
 def test_springs_of_which_nobody_knows_have_just_been_heated_for_as_long_as_allowed():
     """They rest from now on, whether or not they are hot."""
-    rig = rig_with(limits={"longest_on_s": 4.0, "least_off_s": 50.0})
+    rig = rig_with(limits={"max_on_s": 4.0, "min_off_s": 50.0})
     watch = Interlock(rig, 100.0, at_the_ceiling(rig))
     assert watch.rest_left(100.0) == pytest.approx(50.0, abs=1e-6)
     assert all(heat.pulses_s == ((4.0, 0.0),) for heat in watch.heat_left(100.0).values())
@@ -527,16 +527,16 @@ def test_a_second_run_waits_for_the_springs_of_the_first(tmp_path):
         with pytest.raises(KeyboardInterrupt), Guardian(rig) as bank, bank.armed():
             assert bank.rested_at <= time.monotonic()
             bank.heat(time.monotonic() + 0.3, {1: 5.0})
-            bank.rest_until(time.monotonic() + 2.0, ignore)
+            bank.wait_until(time.monotonic() + 2.0, ignore)
             raise KeyboardInterrupt
         opened = max(edge.t for edge in board.edges)
         unlatch(board.port)
         assert remembered(board.port)[1].pulses_s
         with Guardian(rig) as bank, bank.armed():
-            assert bank.rested_at >= opened + rig.limits.least_off_s - 0.1
+            assert bank.rested_at >= opened + rig.limits.min_off_s - 0.1
             bank.heat(time.monotonic() + 0.3, {1: 1.0})
             with raises(LimitError, "limit.no-rest", match="channel 1"):
-                bank.rest_until(time.monotonic() + 3.0, ignore)
+                bank.wait_until(time.monotonic() + 3.0, ignore)
         assert not any(board.contacts)
 
 
@@ -546,7 +546,7 @@ def test_springs_that_were_rewired_after_a_run_rest_before_the_next(tmp_path):
         path = rig_file(tmp_path / "rig.yaml", "lcus", board.port)
         with Guardian(Rig.load(path)) as bank, bank.armed():
             bank.heat(time.monotonic() + 0.3, {1: 3.0})
-            bank.rest_until(time.monotonic() + 3.6, ignore)
+            bank.wait_until(time.monotonic() + 3.6, ignore)
         values = yaml.safe_load(path.read_text())
         one, three = values["channels"][0], values["channels"][2]
         one["channel"], three["channel"] = 3, 1
@@ -555,7 +555,7 @@ def test_springs_that_were_rewired_after_a_run_rest_before_the_next(tmp_path):
             assert bank.rested_at > time.monotonic() + 5.0
             bank.heat(time.monotonic() + 0.3, {3: 1.0})
             with raises(LimitError, "limit.no-rest", match="channel 3"):
-                bank.rest_until(time.monotonic() + 3.0, ignore)
+                bank.wait_until(time.monotonic() + 3.0, ignore)
 
 
 def test_after_a_guardian_was_killed_its_springs_count_as_hot(tmp_path):
@@ -568,7 +568,7 @@ def test_after_a_guardian_was_killed_its_springs_count_as_hot(tmp_path):
         unlatch(board.port)
         rig = Rig.load(path)
         with Guardian(rig) as bank, bank.armed():
-            assert bank.rested_at >= time.monotonic() + rig.limits.least_off_s - 1.0
+            assert bank.rested_at >= time.monotonic() + rig.limits.min_off_s - 1.0
 
 
 def test_springs_of_a_virtual_rig_begin_cold_with_it(tmp_path, folder):

@@ -13,8 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eldir.errors import EldirError
-from hardware.rig.board_identity import BoardIdentity, identify
-from hardware.safety.latch import (
+from eldir_hardware.rig.board_identity import BoardIdentity, identify
+from eldir_hardware.safety.latch import (
     DIED,
     LatchedError,
     end_driving,
@@ -27,7 +27,7 @@ from hardware.safety.latch import (
     stop_of,
     unlatch,
 )
-from hardware.safety.state_folder import StateError, state_folder
+from eldir_hardware.safety.state_folder import StateError, state_folder
 from tests.hardware.emulated_rigs import emulated
 from tests.paths import ROOT
 from tests.raised import raises

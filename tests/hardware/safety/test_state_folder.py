@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from hardware.safety import state_folder as module
-from hardware.safety.state_folder import StateError, StateFolder, state_folder
+from eldir_hardware.safety import state_folder as module
+from eldir_hardware.safety.state_folder import StateError, StateFolder, state_folder
 from tests.raised import raises
 
 NOWHERE = Path("/no/shared/folder")

@@ -8,7 +8,7 @@ from contextlib import redirect_stderr
 import pytest
 
 from eldir.errors import EldirError
-from hardware.safety.stop_signals import Stop, StoppedError, signals_as_errors
+from eldir_hardware.safety.stop_signals import Stop, StoppedError, signals_as_errors
 
 ENDING = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT]
 RAISED = {signal.SIGINT: KeyboardInterrupt} | dict.fromkeys(ENDING[1:], StoppedError)

@@ -7,9 +7,9 @@ import pytest
 
 from eldir.built.heat import HeatModel, SpringState
 from eldir.parameters.still_air import least_coefficient
-from hardware.rig.configuration import Rig
-from hardware.rig.supply import LimitError, worst_springs
-from hardware.safety.stuck_contact import check_board, stuck_temperature
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.rig.supply import LimitError, worst_springs
+from eldir_hardware.safety.stuck_contact import check_board, stuck_temperature
 from tests.hardware.rigs_and_schedules import measured, rig_with
 from tests.raised import raises
 
@@ -26,14 +26,14 @@ def rig_of(cutoff: dict | None = None, **entries: object) -> Rig:
     ("board", "cutoff", "code"),
     [
         ({"kind": "lcus"}, None, None),
-        (TIMED | {"second_flash": "restarts"}, None, None),
-        (TIMED | {"second_flash": "ignored"}, None, None),
+        (TIMED | {"retriggerable": True}, None, None),
+        (TIMED | {"retriggerable": False}, None, None),
         (TIMED, None, "limit.unknown-timer"),
-        (TIMED | {"second_flash": "restarts"}, "contactor", None),
-        (TIMED | {"second_flash": "ignored"}, "contactor", "limit.contactor-stays-closed"),
+        (TIMED | {"retriggerable": True}, "contactor", None),
+        (TIMED | {"retriggerable": False}, "contactor", "limit.contactor-stays-closed"),
         ({"kind": "lcus", "channels": 5}, "contactor", "limit.contactor-stays-closed"),
         (
-            {"kind": "lcus", "channels": 5, "second_flash": "restarts"},
+            {"kind": "lcus", "channels": 5, "retriggerable": True},
             "contactor",
             "limit.contactor-stays-closed",
         ),
@@ -87,7 +87,7 @@ def test_a_coefficient_that_was_not_measured_is_the_least_of_a_coil(current):
 def test_the_ceiling_of_a_spring_that_stays_on(above, safe):
     rig = rig_of(None, supply={"current_limit_a": 1.8}, springs=MEASURED)
     settles = steady(rig)
-    limits = rig.limits.model_copy(update={"ceiling_c": settles + above})
+    limits = rig.limits.model_copy(update={"max_temperature_c": settles + above})
     rig = rig.model_copy(update={"limits": limits})
     if safe:
         assert stuck_temperature(rig, worst_springs(rig), None) == pytest.approx(settles, abs=0.05)
@@ -100,13 +100,13 @@ def test_the_ceiling_of_a_spring_that_stays_on(above, safe):
 def test_a_temperature_of_exactly_the_ceiling_is_allowed(cutoff):
     rig, any_on = rig_of(None, supply={"current_limit_a": 1.8}, springs=MEASURED), None
     if cutoff == "timer":
-        rig = rig_of({"kind": "timer", "longest_on_s": 6.0})
+        rig = rig_of({"kind": "timer", "max_on_s": 6.0})
     if cutoff == "contactor":
-        rig = rig_of({"kind": "contactor", "channel": 5}, board=TIMED | {"second_flash": "restarts"})
+        rig = rig_of({"kind": "contactor", "channel": 5}, board=TIMED | {"retriggerable": True})
         any_on = (np.arange(400) * 0.05 < 5.0).astype(float)
     worst = worst_springs(rig)
     hot = stuck_temperature(rig, worst, None, any_on)
-    limits = rig.limits.model_copy(update={"ceiling_c": hot})
+    limits = rig.limits.model_copy(update={"max_temperature_c": hot})
     assert stuck_temperature(rig.model_copy(update={"limits": limits}), worst, None, any_on) == hot
 
 
@@ -123,7 +123,7 @@ def test_thermal_switches(opens, accepted):
 @pytest.mark.parametrize("seconds", [3.0, 5.02, 6.3])
 def test_a_timer_from_the_hottest_of_all_starts(seconds):
     """Of several springs the one that is hottest when its contact welds."""
-    rig = rig_of({"kind": "timer", "longest_on_s": seconds}, supply={"current_limit_a": 3.4})
+    rig = rig_of({"kind": "timer", "max_on_s": seconds}, supply={"current_limit_a": 3.4})
     worst = worst_springs(rig)
     starts = SpringState(np.array([30.0, 41.0, 22.0]), np.ones(3))
     one = SpringState(np.array([41.0]), np.ones(1))
@@ -133,7 +133,7 @@ def test_a_timer_from_the_hottest_of_all_starts(seconds):
 
 
 def test_a_timer_that_acts_too_late():
-    rig = rig_of({"kind": "timer", "longest_on_s": 6.3})
+    rig = rig_of({"kind": "timer", "max_on_s": 6.3})
     worst = worst_springs(rig)
     assert stuck_temperature(rig, worst, None) < 90
     with raises(LimitError, "limit.stuck-contact", match=r"found 1?[0-9.]+ C after 6.3 s"):
@@ -142,7 +142,7 @@ def test_a_timer_that_acts_too_late():
 
 @pytest.mark.parametrize(("seconds", "accepted"), [(5.0, True), (12.0, False)])
 def test_a_contactor_that_others_keep_closed(seconds, accepted):
-    rig = rig_of({"kind": "contactor", "channel": 5}, board=TIMED | {"second_flash": "restarts"})
+    rig = rig_of({"kind": "contactor", "channel": 5}, board=TIMED | {"retriggerable": True})
     worst = worst_springs(rig)
     any_on = (np.arange(600) * 0.05 < seconds).astype(float)
     held = HeatModel([worst]).run(np.tile(any_on, 8)[:, None], 0.05).temperature.max()  # until it repeats

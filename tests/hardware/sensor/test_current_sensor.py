@@ -12,16 +12,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eldir.errors import InputError
-from hardware import firmware
-from hardware.clock import VirtualClock, WallClock
-from hardware.emulator.current_sensor import EmulatedCurrentSensor
-from hardware.emulator.ina_chips import EmulatedI2c, EmulatedIna226, EmulatedIna3221, LocalTime
-from hardware.firmware import current_sensor as program
-from hardware.rig.configuration import Rig
-from hardware.sensor.chips import CHIPS
-from hardware.sensor.driver import CurrentSensor
-from hardware.sensor.errors import SensorError
-from hardware.sensor.frames import question, words_of
+from eldir_hardware import firmware
+from eldir_hardware.clock import VirtualClock, WallClock
+from eldir_hardware.emulator.current_sensor import EmulatedCurrentSensor
+from eldir_hardware.emulator.ina_chips import EmulatedI2c, EmulatedIna226, EmulatedIna3221, LocalTime
+from eldir_hardware.firmware import current_sensor as program
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.sensor.chips import CHIPS
+from eldir_hardware.sensor.driver import CurrentSensor, question, words_of
+from eldir_hardware.sensor.errors import SensorError
 from tests.hardware.rigs_and_schedules import rig_with
 from tests.paths import ROOT
 

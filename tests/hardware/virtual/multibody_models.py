@@ -7,15 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from cad.kit.printer import load_printer
-from cad.kit.specification import load_specification
-from cad.multibody.hubs import Inertia
-from cad.multibody.model import Coil, Hub, Multibody, Strip, multibody
-from cad.multibody.simpler import with_pins
 from eldir.built.gait import FreeLengths
 from eldir.core.records import FloatArray
 from eldir.morphology import Morphology
-from hardware.virtual.mujoco_body import MujocoMotion
+from eldir_cad.kit.printer import load_printer
+from eldir_cad.kit.specification import load_specification
+from eldir_cad.multibody.hubs import Inertia
+from eldir_cad.multibody.model import Coil, Hub, Multibody, Strip, multibody
+from eldir_cad.multibody.simpler import with_pins
+from eldir_hardware.virtual.mujoco_body import MujocoMotion
 
 FREE = (0.035, 0.075)
 """Cold and hot free length of the nominal spring [m]."""

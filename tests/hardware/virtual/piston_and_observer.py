@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from hardware.virtual.rig import BodyFrame
-from hardware.virtual.springs import STEP
+from eldir_hardware.virtual.rig import BodyFrame
+from eldir_hardware.virtual.springs import STEP
 
 
 class Piston:

@@ -9,9 +9,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from cad.multibody.model import Numerics
 from eldir.built.gait import Gait, free_lengths
-from hardware.virtual.mujoco_body import MujocoMotion
+from eldir_cad.multibody.model import Numerics
+from eldir_hardware.virtual.mujoco_body import MujocoMotion
 from tests.calibration.dynamics.hidden_rigs import PHASE, walker
 from tests.hardware.virtual.multibody_models import FREE, robot, walk
 

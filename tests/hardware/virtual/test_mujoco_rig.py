@@ -8,19 +8,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cad.multibody.overlap import Overlap
 from eldir.errors import EldirError
 from eldir.lattice import Lattice
-from hardware.analysis.recorded_run import open_run
-from hardware.log.reader import read_log
-from hardware.planning.compiler import compile_schedule
-from hardware.rig.configuration import Rig
-from hardware.rig.template import virtual_rig
-from hardware.run.drive import drive_rig
-from hardware.safety.schedule_digests import sealed
-from hardware.schedule import ActuationSchedule
-from hardware.virtual.body_process import BodyProcess
-from hardware.virtual.mujoco_body import MujocoBody
+from eldir_calibration.comparison.recorded_run import open_run
+from eldir_hardware.log.reader import read_log
+from eldir_hardware.planning.compiler import compile_schedule
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.rig.template import virtual_rig
+from eldir_hardware.run.drive import drive_rig
+from eldir_hardware.safety.schedule_digests import with_digests
+from eldir_hardware.schedule import ActuationSchedule
+from eldir_hardware.virtual.body_process import BodyProcess
+from eldir_hardware.virtual.mujoco_body import MujocoBody, Overlap
 from tests.eldir.random_design import make_design
 from tests.hardware.rigs_and_schedules import gait
 
@@ -32,7 +31,7 @@ DESIGN = make_design(3, Lattice(3, 6))
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     where = tmp_path_factory.mktemp("mujoco")
     DESIGN.save(where / "design.json")
-    for name, lines in (("rig", ""), ("far", "  deviation: far\n")):
+    for name, lines in (("rig", ""), ("far", "  parameter_spread: large\n")):
         text = virtual_rig(4, "design.json", physics="mujoco").replace("rate_hz: 10}", "rate_hz: 2}")
         (where / f"{name}.yaml").write_text(text + lines)
     return where
@@ -45,7 +44,7 @@ def short(rig: Rig) -> ActuationSchedule:
         rig,
         springs=tuple(np.flatnonzero(DESIGN.morphology.active).tolist()),
     )
-    return sealed(
+    return with_digests(
         ActuationSchedule(
             whole.period_s,
             events=whole.events,

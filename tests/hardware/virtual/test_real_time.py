@@ -5,12 +5,12 @@ import time
 import pytest
 
 from eldir.errors import EldirError
-from hardware.emulator.board import EmulatedBoard
-from hardware.guardian.bank import Bank, Report
-from hardware.guardian.client import Guardian
-from hardware.rig.configuration import Rig
-from hardware.run.opened_rig import bank_on
-from hardware.virtual.rig import VirtualRig
+from eldir_hardware.emulator.board import EmulatedBoard
+from eldir_hardware.guardian.bank import HeaterBank, Report
+from eldir_hardware.guardian.client import Guardian
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.run.opened_rig import bank_on
+from eldir_hardware.virtual.rig import VirtualRig
 from tests.hardware.emulated_rigs import rig_file
 from tests.hardware.rigs_and_schedules import rig_with
 from tests.hardware.virtual.piston_and_observer import Piston
@@ -23,13 +23,13 @@ def ignore(report: Report) -> None:
     """Nobody looks."""
 
 
-def watch(bank: Bank, board: EmulatedBoard) -> None:
+def watch(bank: HeaterBank, board: EmulatedBoard) -> None:
     """Armed, but some of the board's answers are late."""
     with bank.armed():
         board.faults.late = LATE
-        bank.rest_until(time.monotonic() + 3 * LATE, ignore)
+        bank.wait_until(time.monotonic() + 3 * LATE, ignore)
         board.faults.late = 0.0
-        bank.rest_until(time.monotonic() + 3 * LATE, ignore)
+        bank.wait_until(time.monotonic() + 3 * LATE, ignore)
 
 
 def test_only_an_emulated_board_may_answer_late(tmp_path):

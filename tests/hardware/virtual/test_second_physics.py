@@ -9,16 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cad.kit.specification import load_specification
-from cad.multibody.mjcf import mjcf
-from cad.multibody.model import Coil, Multibody, Numerics
-from cad.multibody.overlap import Overlap
 from eldir.built.motion import drive
 from eldir.built.robot import build
 from eldir.errors import EldirError, InputError, MissingDependencyError
 from eldir.parameters.springs import SpringParameters
-from hardware.virtual.body import BuiltBody
-from hardware.virtual.mujoco_body import MujocoBody, MujocoMotion
+from eldir_cad.kit.specification import load_specification
+from eldir_cad.multibody.mjcf import mjcf
+from eldir_cad.multibody.model import Coil, Multibody, Numerics
+from eldir_hardware.virtual.body import BuiltBody
+from eldir_hardware.virtual.mujoco_body import MujocoBody, MujocoMotion, Overlap
 from tests.calibration.dynamics.hidden_rigs import walker
 from tests.hardware.virtual.multibody_models import (
     BENDING,

@@ -7,8 +7,9 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from cad.multibody.model import Multibody
-from cad.multibody.simpler import (
+from eldir.built.robot import build
+from eldir_cad.multibody.model import Multibody
+from eldir_cad.multibody.simpler import (
     SIMPLER,
     on_level_table,
     with_equal_feet,
@@ -17,8 +18,7 @@ from cad.multibody.simpler import (
     without_socket_friction,
     without_socket_range,
 )
-from eldir.built.robot import build
-from hardware.virtual.mujoco_body import MujocoMotion, drawn_multibody
+from eldir_hardware.virtual.mujoco_body import MujocoMotion, drawn_multibody
 from tests.calibration.dynamics.hidden_rigs import walker
 from tests.hardware.virtual.multibody_models import FREE, LENGTH, hub, small, strip
 

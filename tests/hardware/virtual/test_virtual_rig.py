@@ -8,16 +8,16 @@ import pytest
 from eldir.built.heat import heat
 from eldir.errors import EldirError
 from eldir.parameters.robot import RobotParameters
-from hardware.clock import VirtualClock
-from hardware.guardian.pulse_controller import PulseController
-from hardware.planning.compiler import compile_schedule
-from hardware.relay.errors import ContactError, RelayError
-from hardware.rig.configuration import Rig
-from hardware.run.player import Player
-from hardware.schedule import ActuationSchedule
-from hardware.virtual.far import far_from
-from hardware.virtual.rig import VirtualRig
-from hardware.virtual.springs import STEP
+from eldir_hardware.clock import VirtualClock
+from eldir_hardware.guardian.pulse_controller import PulseController
+from eldir_hardware.planning.compiler import compile_schedule
+from eldir_hardware.relay.errors import ContactError, RelayError
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.run.player import Player
+from eldir_hardware.schedule import ActuationSchedule
+from eldir_hardware.virtual.bodies import far_from
+from eldir_hardware.virtual.rig import VirtualRig
+from eldir_hardware.virtual.springs import STEP
 from tests.hardware.rigs_and_schedules import gait, rig_with
 from tests.hardware.virtual.piston_and_observer import Notes, Piston
 from tests.raised import raises
@@ -104,7 +104,7 @@ def test_modelled_temperatures_are_near_but_not_the_true_ones(played):
 
 def test_a_board_that_times_its_pulses_plays_the_same_schedule(played):
     schedule = compile_schedule(gait(), rig_with(), cycles=1)
-    virtual, notes = play(rig_with(board={"kind": "modbus", "second_flash": "restarts"}), schedule)
+    virtual, notes = play(rig_with(board={"kind": "modbus", "retriggerable": True}), schedule)
     assert len(virtual.emulator.edges) == 2 * 8
     heated = {}
     for edge in virtual.emulator.edges:
@@ -123,16 +123,9 @@ def test_the_seed_decides():
 # Faults: whatever happens, everything that can be switched off is, and no spring passes the ceiling.
 
 
-def test_a_rig_file_may_call_the_deviation_a_specimen():
-    old = rig_with(virtual={"seed": 5, "specimen": "far"})
-    assert old == rig_with(virtual={"seed": 5, "deviation": "far"})
-    assert old.model_dump()["virtual"]["deviation"] == "far"
-    assert Rig.from_json(old.to_json()) == old
-
-
 def test_a_far_rig_has_springs_of_its_own():
     """Their length, cold, is the far robot's, but for the scatter of one millimetre between its springs."""
-    far = rig_with(virtual={"seed": 5, "deviation": "far"})
+    far = rig_with(virtual={"seed": 5, "parameter_spread": "large"})
     springs = far_from(RobotParameters(springs=far.spring_parameters()), far.virtual.seed).springs
     with VirtualRig(far, Piston(), springs) as virtual:
         frame = virtual.frame(virtual.clock.now() + 0.1)
@@ -190,10 +183,10 @@ def test_no_specimen_passes_the_ceiling_even_with_a_welded_contact():
     specimens = [rig.spring_parameters().perturbed(rng) for _ in range(300)]
     steps = round(20 / STEP)
     times = np.tile(np.arange(steps) * STEP, 3)
-    on = times < rig.limits.longest_on_s - 1e-9
-    on[-steps:] = times[-steps:] < rig.cutoff.longest_on_s
+    on = times < rig.limits.max_on_s - 1e-9
+    on[-steps:] = times[-steps:] < rig.cutoff.max_on_s
     peak = heat(on[:, None].repeat(300, axis=1), STEP, specimens).temperature.max()
-    assert 60 < peak < rig.limits.ceiling_c - 20, "air and current are nominal here"
+    assert 60 < peak < rig.limits.max_temperature_c - 20, "air and current are nominal here"
 
 
 def test_an_unplugged_board_is_told_at_once():

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from eldir.errors import InputError
-from hardware.vision.sources import Source, open_source
+from eldir_hardware.vision.sources import Source, open_source
 from tests.hardware.vision.numbered_films import RATE, damage, number_in, numbered, write_film
 from tests.raised import raises
 
@@ -246,5 +246,5 @@ def test_names_are_no_addresses_and_no_patterns(tmp_path: Path) -> None:
 
 
 def test_the_library_is_loaded_when_a_film_is_opened() -> None:
-    code = "import sys, hardware.vision.sources; sys.exit('av' in sys.modules)"
+    code = "import sys, eldir_hardware.vision.sources; sys.exit('av' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calibration.camera.plane import Image, Plane, TagBoard
 from eldir.errors import EldirError
-from hardware.vision.live_tracking import LiveTracker
-from hardware.vision.pipeline import follow
-from hardware.vision.recording_setup import CALIBRATION_FRAMES
-from hardware.vision.virtual_camera import VirtualCamera
+from eldir_hardware.camera.plane import Image, Plane, TagBoard
+from eldir_hardware.vision.live_tracking import LiveTracker
+from eldir_hardware.vision.pipeline import follow
+from eldir_hardware.vision.recording_setup import CALIBRATION_FRAMES
+from eldir_hardware.vision.virtual_camera import VirtualCamera
 from tests.hardware.vision.walking_films import BODY, MARKED, NAMES
 
 Filmed = tuple[VirtualCamera, list[tuple[float, Image]], Plane]

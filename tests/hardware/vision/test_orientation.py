@@ -12,11 +12,11 @@ import pytest
 from PIL import Image as Photograph
 from typer.testing import CliRunner
 
-from calibration.camera.lens import Lens
-from eldir.commands.main import application
-from hardware.images import jpeg
-from hardware.vision.sources import open_source
-from tests.calibration.camera.known_camera import MATRIX, photographs
+from eldir_app.application import application
+from eldir_hardware.camera.lens import Lens
+from eldir_hardware.images import jpeg
+from eldir_hardware.vision.sources import open_source
+from tests.hardware.camera.known_camera import MATRIX, photographs
 from tests.hardware.vision.walking_films import TIMES, rms_mm, truth
 
 FORMATS = ("jpg", "png", "tif")

@@ -7,20 +7,20 @@ import cv2
 import numpy as np
 import pytest
 
-from calibration.camera.plane import TagBoard
 from eldir.design import Design
 from eldir.errors import EldirError, InputError
 from eldir.lattice import Lattice
-from hardware.images import jpeg
-from hardware.log.recorder import Recorder
-from hardware.rig.configuration import Rig
-from hardware.rig.template import virtual_rig
-from hardware.run.filming import virtual_camera
-from hardware.run.robot_camera import RobotCamera
-from hardware.virtual.body import BuiltBody
-from hardware.virtual.body_process import BodyProcess
-from hardware.vision.live_overlay import LiveOverlay
-from hardware.vision.playback import lens_of, timed_pictures
+from eldir_hardware.camera.plane import TagBoard
+from eldir_hardware.images import jpeg
+from eldir_hardware.log.recorder import Recorder
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.rig.template import virtual_rig
+from eldir_hardware.run.filming import virtual_camera
+from eldir_hardware.run.robot_camera import RobotCamera
+from eldir_hardware.virtual.body import BuiltBody
+from eldir_hardware.virtual.body_process import BodyProcess
+from eldir_hardware.vision.live_overlay import LiveOverlay
+from eldir_hardware.vision.playback import lens_of, timed_pictures
 from tests.eldir.random_design import make_design
 from tests.hardware.log.log_contents import EPOCH, picture
 from tests.hardware.rigs_and_schedules import SCHEDULE

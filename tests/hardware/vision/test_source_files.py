@@ -15,10 +15,10 @@ import pytest
 import zstandard
 from typer.testing import CliRunner, Result
 
-from eldir.commands.main import application
 from eldir.errors import InputError
 from eldir.trajectory import Trajectory
-from hardware.vision.sources import open_source
+from eldir_app.application import application
+from eldir_hardware.vision.sources import open_source
 from tests.eldir.random_design import make_design
 from tests.hardware.vision.numbered_films import number_in, numbered
 from tests.hardware.vision.walking_films import TIMES, rms_mm, truth

@@ -16,7 +16,6 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from calibration.camera.plane import FieldOfView, TagBoard
 from eldir.controller import Controller
 from eldir.design import Design
 from eldir.errors import EldirError, InputError
@@ -26,15 +25,16 @@ from eldir.marks import marked_masses
 from eldir.morphology import develop
 from eldir.scene import Scene
 from eldir.trajectory import Trajectory
-from hardware.commands.track import track as track_command
-from hardware.images.jpeg import decode
-from hardware.log.attachments import read_attachment
-from hardware.log.reader import read_log
-from hardware.log.recorder import Recorder
-from hardware.vision.pipeline import track_discs, track_log
-from hardware.vision.recording_setup import plane_from_frames
-from hardware.vision.sources import open_source
-from hardware.vision.virtual_camera import VirtualCamera
+from eldir_app.commands.track import track as track_command
+from eldir_hardware.camera.plane import FieldOfView, TagBoard
+from eldir_hardware.images.jpeg import decode
+from eldir_hardware.log.attachments import read_attachment
+from eldir_hardware.log.reader import read_log
+from eldir_hardware.log.recorder import Recorder
+from eldir_hardware.vision.pipeline import track_discs, track_log
+from eldir_hardware.vision.recording_setup import plane_from_frames
+from eldir_hardware.vision.sources import open_source
+from eldir_hardware.vision.virtual_camera import VirtualCamera
 from tests.hardware.vision.walking_films import (
     NAMES,
     TIMES,
@@ -80,7 +80,7 @@ def test_bad_sources_are_named(recordings: Path, tmp_path: Path) -> None:
         with raises(InputError, code, match=said):
             list(open_source(path, rate))
     # In a process of its own, where nothing has used a video before: not a word from the codecs.
-    code = "import sys; from hardware.vision.sources import open_source; list(open_source(sys.argv[1]))"
+    code = "import sys; from eldir_hardware.vision.sources import open_source; list(open_source(sys.argv[1]))"
     call = [sys.executable, "-c", code, str(tmp_path / "text.mp4")]
     done = subprocess.run(call, capture_output=True, text=True, check=False)
     assert "moov" not in done.stderr and "WARN" not in done.stderr
@@ -105,7 +105,7 @@ def test_an_address_keeps_its_slashes(tmp_path: Path, monkeypatch: pytest.Monkey
         asked.append(name)
         raise InputError("no camera here")
 
-    monkeypatch.setattr("hardware.vision.sources.open_source", refuse)
+    monkeypatch.setattr("eldir_hardware.vision.sources.open_source", refuse)
     command = typer.Typer()
     command.command()(track_command)
     CliRunner().invoke(command, ["http://127.0.0.1:9/video", "--out", str(tmp_path / "tracks.json")])

@@ -17,23 +17,23 @@ import typer
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calibration.camera.plane import Image, Plane
-from calibration.camera.tags import calibrate_plane
-from calibration.camera.validity import require_valid, valid_for
-from calibration.report.tracking_quality import TrackingQuality
 from eldir.errors import InputError
 from eldir.trajectory import Trajectory
-from hardware.commands.calibration.plane import plane as calibrate_plane_command
-from hardware.commands.track import track as track_command
-from hardware.log.recorder import Recorder
-from hardware.markers import discs
-from hardware.run.filming import room
-from hardware.schedule import ActuationSchedule
-from hardware.schedule_prediction import SchedulePrediction
-from hardware.vision.live import CameraDevice
-from hardware.vision.pipeline import follow
-from hardware.vision.sources import open_source, recorded_at
-from hardware.vision.virtual_camera import VirtualCamera
+from eldir_app.commands.calibrate.plane import plane as calibrate_plane_command
+from eldir_app.commands.track import track as track_command
+from eldir_hardware.camera.plane import Image, Plane
+from eldir_hardware.camera.tags import calibrate_plane
+from eldir_hardware.camera.validity import require_valid, valid_for
+from eldir_hardware.log.recorder import Recorder
+from eldir_hardware.markers import discs
+from eldir_hardware.run.filming import room
+from eldir_hardware.schedule import ActuationSchedule
+from eldir_hardware.schedule_prediction import SchedulePrediction
+from eldir_hardware.vision.live import CameraDevice
+from eldir_hardware.vision.pipeline import follow
+from eldir_hardware.vision.sources import open_source, recorded_at
+from eldir_hardware.vision.tracking_quality import TrackingQuality
+from eldir_hardware.vision.virtual_camera import VirtualCamera
 from tests.eldir.random_design import make_design
 from tests.hardware.vision.walking_films import (
     BODY,

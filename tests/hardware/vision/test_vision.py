@@ -10,18 +10,18 @@ import cv2
 import numpy as np
 import pytest
 
-import hardware.vision
-from calibration.camera.plane import TagBoard
-from calibration.camera.tags import calibrate_plane
+import eldir_hardware.vision
 from eldir.errors import InputError
-from hardware.images import jpeg
-from hardware.markers.colour import ColourModel
-from hardware.markers.disc import measure_disc
-from hardware.markers.discs import DiscTracker
-from hardware.markers.mark_sheet import MARK_DIAMETER, PALETTE
-from hardware.vision import pipeline
-from hardware.vision.pipeline import track_discs
-from hardware.vision.virtual_camera import VirtualCamera
+from eldir_hardware.camera.plane import TagBoard
+from eldir_hardware.camera.tags import calibrate_plane
+from eldir_hardware.images import jpeg
+from eldir_hardware.markers.colour import ColourModel
+from eldir_hardware.markers.disc import measure_disc
+from eldir_hardware.markers.discs import DiscTracker
+from eldir_hardware.markers.mark_sheet import MARK_DIAMETER, PALETTE
+from eldir_hardware.vision import pipeline
+from eldir_hardware.vision.pipeline import track_discs
+from eldir_hardware.vision.virtual_camera import VirtualCamera
 from tests.hardware.vision.walking_films import (
     BODY,
     MARKED,
@@ -42,7 +42,7 @@ from tests.raised import raises
 
 def test_a_circles_centroid_is_its_centre_within_a_fiftieth_of_a_millimetre() -> None:
     """Perspective moves the centroid of a projected circle off its centre: how much, exactly."""
-    from hardware.vision.virtual_camera import _pose
+    from eldir_hardware.vision.virtual_camera import _pose
 
     angle = np.linspace(0, 2 * np.pi, 2000, endpoint=False)
     for seed in range(10):
@@ -235,7 +235,7 @@ def test_what_is_wrong_with_marks_and_pictures_is_named(filmed) -> None:
 
 
 def test_the_tracker_knows_nothing_of_the_renderer() -> None:
-    folder = Path(hardware.vision.__file__).parent
+    folder = Path(eldir_hardware.vision.__file__).parent
     for file in folder.glob("*.py"):
         if file.name == "virtual_camera.py":
             continue

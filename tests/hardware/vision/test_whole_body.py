@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hardware.vision.whole_body import body_from_marks, hub_angles
+from eldir_hardware.vision.whole_body import body_from_marks, hub_angles
 
 REST = np.array([(0.0, 0.0), (0.06, 0.0), (0.03, 0.05), (0.09, 0.05), (0.06, 0.1)])
 SPRINGS = np.array([(0, 1), (0, 2), (1, 2), (1, 3), (2, 3), (2, 4), (3, 4)])

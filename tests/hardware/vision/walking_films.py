@@ -10,11 +10,11 @@ import cv2
 import numpy as np
 import pytest
 
-from calibration.camera.plane import FieldOfView, Plane
-from calibration.camera.tags import calibrate_plane
-from hardware.log.recorder import Recorder
-from hardware.markers.mark_sheet import PALETTE
-from hardware.vision.virtual_camera import VirtualCamera
+from eldir_hardware.camera.plane import FieldOfView, Plane
+from eldir_hardware.camera.tags import calibrate_plane
+from eldir_hardware.log.recorder import Recorder
+from eldir_hardware.markers.mark_sheet import PALETTE
+from eldir_hardware.vision.virtual_camera import VirtualCamera
 
 NAMES = tuple(PALETTE)
 

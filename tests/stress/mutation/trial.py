@@ -26,7 +26,7 @@ _LEFT_OUT = (".git", ".venv", ".*_cache", ".hypothesis", "__pycache__", "*.egg-i
 _SLOW = (
     "numpy", "scipy.optimize", "yaml", "pydantic", "typer.testing", "serial", "jsonschema",
     "pymodbus.server", "hypothesis.strategies", "mcap.reader", "rosbags.typesys",
-    "eldir.built.heat", "eldir.built.gait_search", "eldir.design", "eldir.commands.main", "eldir.built.drive",
+    "eldir.built.heat", "eldir.built.gait_search", "eldir.design", "eldir_app.main", "eldir.built.drive",
 )  # fmt: skip
 _ADOPT_ORPHANS = 36  # PR_SET_CHILD_SUBREAPER
 _PATIENCE = 5.0  # longer than its usual duration may a test take, and four times that [s]
@@ -57,7 +57,7 @@ class Copy:
                 importlib.import_module(name)
             except ImportError:
                 continue  # an extra that is not installed, or a module that has moved
-        for name in [n for n in sys.modules if n.split(".")[0] in ("hardware", "tests")]:
+        for name in [n for n in sys.modules if n.split(".")[0] in ("eldir_hardware", "tests")]:
             del sys.modules[name]
 
     def write(self, module: str, source: str) -> None:

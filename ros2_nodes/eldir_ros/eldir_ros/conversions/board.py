@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from eldir_hardware.rig.configuration import Rig
 from eldir_ros.conversions import NewMessage, header_of, nanoseconds, time_of
-from hardware.rig.configuration import Rig
 
 
 @dataclass(frozen=True)

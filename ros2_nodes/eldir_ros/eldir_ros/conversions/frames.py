@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from calibration.camera.pose import CameraPose, quaternion
 from eldir.core.records import FloatArray
+from eldir_hardware.camera.pose import CameraPose, quaternion
 from eldir_ros.conversions import NewMessage, header_of
 
 CAMERA = "camera"

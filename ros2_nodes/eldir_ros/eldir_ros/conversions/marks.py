@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 
 from eldir.core.records import FloatArray
+from eldir_hardware.log.messages import FRAME_ID
+from eldir_hardware.markers.mark_sheet import MARK_DIAMETER, PALETTE
 from eldir_ros.conversions import NewMessage, header_of, nanoseconds
-from hardware.log.messages import FRAME_ID
-from hardware.markers.mark_sheet import MARK_DIAMETER, PALETTE
 
 _SPHERE, _ADD, _DELETE = 2, 0, 2  # of visualization_msgs/Marker
 

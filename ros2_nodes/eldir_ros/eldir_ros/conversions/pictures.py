@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.camera.lens import Lens
 from eldir.errors import InputError
+from eldir_hardware.camera.lens import Lens
+from eldir_hardware.images import jpeg
+from eldir_hardware.log import camera_info
+from eldir_hardware.log.messages import CAMERA_FRAME_ID as FRAME_ID
 from eldir_ros.conversions import NewMessage, header_of
-from hardware.images import jpeg
-from hardware.log import camera_info
-from hardware.log.messages import CAMERA_FRAME_ID as FRAME_ID
 
 
 def raw_of(new_message: NewMessage, stamp: int, bgr: NDArray[np.uint8], frame: str = FRAME_ID) -> Any:

@@ -14,9 +14,9 @@ from typing import Any
 from eldir.core.json_text import parse_json
 from eldir.core.records import FloatArray
 from eldir.errors import InputError
+from eldir_hardware.run.contact_edges import ContactEdge
+from eldir_hardware.schedule import ActuationSchedule, Event
 from eldir_ros.conversions import NewMessage, header_of, time_of
-from hardware.run.contact_edges import ContactEdge
-from hardware.schedule import ActuationSchedule, Event
 
 FINISHED, CANCELLED, PREEMPTED, STOPPED, REFUSED = range(1, 6)
 """How a run can end, as in RunSchedule.action; 0 is an empty result."""

@@ -15,6 +15,8 @@ from typing import Any
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.schedule import ActuationSchedule
 from eldir_ros.base.message_types import COMPLETE, LATCHED, message_class, new_message
 from eldir_ros.base.node_parameters import declare_number, declare_text, declare_texts, get_file, get_value
 from eldir_ros.base.rig_node import RigNode
@@ -23,8 +25,6 @@ from eldir_ros.conversions import board, runs, time_of
 from eldir_ros.remote.heartbeats import CLIENT_PATIENCE, Heartbeats
 from eldir_ros.remote.remote_bank import RemoteBank
 from eldir_ros.remote.schedule_run import Order, RunProgress, RunResult, ScheduleRun
-from hardware.rig.configuration import Rig
-from hardware.schedule import ActuationSchedule
 
 _MOST_GOALS = 2  # one that runs, and one that preempts it
 

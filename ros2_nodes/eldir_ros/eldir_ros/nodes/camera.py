@@ -15,8 +15,12 @@ import numpy as np
 from diagnostic_updater import FrequencyStatusParam, HeaderlessTopicDiagnostic
 from numpy.typing import NDArray
 
-from calibration.camera.lens import Lens
 from eldir.errors import EldirError
+from eldir_hardware.camera.lens import Lens
+from eldir_hardware.images import jpeg
+from eldir_hardware.rig.camera_name import is_camera
+from eldir_hardware.run.robot_camera import RobotCamera
+from eldir_hardware.vision.playback import lens_of, timed_pictures
 from eldir_ros.base.message_types import ALL_PICTURES, LATCHED, NEWEST, RELIABLE, message_class, new_message
 from eldir_ros.base.node_parameters import (
     declare_number,
@@ -30,10 +34,6 @@ from eldir_ros.base.node_parameters import (
 from eldir_ros.base.rig_node import RigNode
 from eldir_ros.base.spinning import spin
 from eldir_ros.conversions import marks, nanoseconds, pictures
-from hardware.images import jpeg
-from hardware.rig.camera_name import is_camera
-from hardware.run.robot_camera import RobotCamera
-from hardware.vision.playback import lens_of, timed_pictures
 
 _SOURCE = "A camera such as camera:0 or /dev/video0, a video, a folder of pictures, a log; or: virtual."
 

@@ -13,11 +13,22 @@ import numpy as np
 from diagnostic_updater import FrequencyStatusParam, HeaderlessTopicDiagnostic
 from numpy.typing import NDArray
 
-from calibration.camera.plane import Plane, TagBoard
-from calibration.camera.pose import camera_pose
 from eldir.core.json_text import parse_json
 from eldir.core.records import FloatArray
 from eldir.design import Design
+from eldir_hardware.camera.plane import Plane, TagBoard
+from eldir_hardware.camera.pose import camera_pose
+from eldir_hardware.markers.registration import DEFAULT
+from eldir_hardware.vision.live_overlay import LiveOverlay
+from eldir_hardware.vision.live_tracking import LiveTracker
+from eldir_hardware.vision.recording_setup import (
+    attached_board,
+    attached_layout,
+    attached_marker,
+    layout_of,
+    recorded_plane,
+)
+from eldir_hardware.vision.sources import LoggedFrames, open_source
 from eldir_ros.base.message_types import (
     COMPLETE,
     LATCHED,
@@ -39,21 +50,10 @@ from eldir_ros.base.node_parameters import (
 from eldir_ros.base.rig_node import RigNode
 from eldir_ros.base.spinning import spin
 from eldir_ros.conversions import frames, marks, nanoseconds, pictures, runs
-from hardware.markers.registration import DEFAULT
-from hardware.vision.live_overlay import LiveOverlay
-from hardware.vision.live_tracking import LiveTracker
-from hardware.vision.recording_setup import (
-    attached_board,
-    attached_layout,
-    attached_marker,
-    layout_of,
-    recorded_plane,
-)
-from hardware.vision.sources import LoggedFrames, open_source
 
 
 class MassTrackerNode(RigNode):
-    """Publishes what `hardware.vision.live_tracking.LiveTracker` finds in the camera's pictures."""
+    """Publishes what `eldir_hardware.vision.live_tracking.LiveTracker` finds in the camera's pictures."""
 
     def __init__(self, **options: Any):
         super().__init__("mass_tracker", **options)

@@ -13,20 +13,20 @@ from typing import Any
 
 import numpy as np
 
-from calibration.camera.lens import Lens
-from calibration.camera.plane import Plane, TagBoard
 from eldir.core.json_text import parse_json
 from eldir.core.records import FileRecord
 from eldir.design import Design
 from eldir.errors import EldirError
+from eldir_hardware.camera.lens import Lens
+from eldir_hardware.camera.plane import Plane, TagBoard
+from eldir_hardware.log.run_recording import RunRecording
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.vision.live_tracking import FIRST_PICTURE
 from eldir_ros.base.message_types import COMPLETE, LATCHED, PICTURES
 from eldir_ros.base.node_parameters import declare_pictures, declare_text, find_file, get_file, get_value
 from eldir_ros.base.rig_node import RigNode
 from eldir_ros.base.spinning import spin
 from eldir_ros.conversions import board, marks, nanoseconds, pictures, runs
-from hardware.log.run_recording import RunRecording
-from hardware.rig.configuration import Rig
-from hardware.vision.live_tracking import FIRST_PICTURE
 
 
 class McapRecorderNode(RigNode):

@@ -16,14 +16,14 @@ from typing import Any
 
 from eldir.design import Design
 from eldir.errors import EldirError
+from eldir_calibration.comparison.live_range_of_motion import LiveRangeOfMotion, predict_motions
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.schedule import ActuationSchedule
 from eldir_ros.base.message_types import COMPLETE, LATCHED, message_class, new_message
 from eldir_ros.base.node_parameters import declare_text, get_file
 from eldir_ros.base.rig_node import RigNode
 from eldir_ros.base.spinning import spin
 from eldir_ros.conversions import marks, nanoseconds, runs
-from hardware.analysis.live_range_of_motion import LiveRangeOfMotion, predict_motions
-from hardware.rig.configuration import Rig
-from hardware.schedule import ActuationSchedule
 
 _CONTEXT = get_context("spawn")
 _PATIENT = 10  # the prediction's niceness: the run that begins needs the processors more

@@ -14,6 +14,15 @@ from typing import Any
 from diagnostic_updater import FrequencyStatusParam, HeaderlessTopicDiagnostic
 
 from eldir.errors import EldirError
+from eldir_hardware.guardian.bank import Report
+from eldir_hardware.guardian.client import Guardian
+from eldir_hardware.guardian.commander import Commander
+from eldir_hardware.relay.errors import NotProvenOffError
+from eldir_hardware.rig.board_identity import identify_open
+from eldir_hardware.rig.boards import open_board
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.safety.latch import LatchedError, latch, require_proven_open, require_unlatched, stop_of
+from eldir_hardware.safety.spring_memory import reset
 from eldir_ros.base.message_types import COMPLETE, LATCHED, RELIABLE, message_class, new_message
 from eldir_ros.base.node_parameters import declare_text, get_file, get_value
 from eldir_ros.base.rig_node import STOP, RigNode
@@ -21,15 +30,6 @@ from eldir_ros.base.spinning import spin
 from eldir_ros.conversions import board as convert
 from eldir_ros.conversions import runs
 from eldir_ros.remote.obeyed_commands import ObeyedCommands
-from hardware.guardian.bank import Report
-from hardware.guardian.client import Guardian
-from hardware.guardian.commander import Commander
-from hardware.relay.errors import NotProvenOffError
-from hardware.rig.board_identity import identify_open
-from hardware.rig.boards import open_board
-from hardware.rig.configuration import Rig
-from hardware.safety.latch import LatchedError, latch, require_proven_open, require_unlatched, stop_of
-from hardware.safety.spring_memory import reset
 
 _TICK = 0.05  # from one heartbeat for the guardian to the next [s]
 
@@ -138,7 +138,7 @@ class RelayBoardNode(RigNode):
             delay, lengths = runs.pulses_from(message)
             self._open_guardian().heat(time.monotonic() + delay, lengths)
         elif message.command in (message.CUT, message.END):
-            self._open_guardian().cut()
+            self._open_guardian().abort_pulses()
             if message.command == message.END:
                 self._commander.release()
         self._obeyed.note(message.run, message.number, time.monotonic())

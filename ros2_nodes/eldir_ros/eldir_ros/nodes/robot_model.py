@@ -11,20 +11,20 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from cad.geometry.assembly import assemble
-from cad.kit.specification import load_specification
-from cad.multibody.shapes import hub_shapes
-from cad.multibody.urdf import urdf
 from eldir.core.files import write_bytes
 from eldir.core.records import FloatArray
 from eldir.design import Design
 from eldir.parameters.printed import BuiltParameters
+from eldir_cad.geometry.assembly import assemble
+from eldir_cad.kit.specification import load_specification
+from eldir_cad.multibody.hubs import hub_shapes
+from eldir_cad.multibody.urdf import urdf
+from eldir_hardware.vision.whole_body import body_from_marks, hub_angles
 from eldir_ros.base.message_types import COMPLETE, LATCHED, RELIABLE, message_class, new_message
 from eldir_ros.base.node_parameters import declare_text, frame_of, get_file
 from eldir_ros.base.rig_node import RigNode
 from eldir_ros.base.spinning import spin
 from eldir_ros.conversions import marks, robot
-from hardware.vision.whole_body import body_from_marks, hub_angles
 
 
 class RobotModelNode(RigNode):

@@ -19,15 +19,15 @@ from rclpy.node import Node
 
 from eldir.design import Design
 from eldir.errors import EldirError
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.rig.sections import VirtualCameraEntry
+from eldir_hardware.safety.latch import unlatch
+from eldir_hardware.virtual.body_process import BodyProcess
+from eldir_hardware.virtual.rig import BodyFrame, VirtualRig
 from eldir_ros.base.message_types import RELIABLE, message_class, new_message
 from eldir_ros.base.node_parameters import declare_text, find_file, frame_of, get_file
 from eldir_ros.base.spinning import spin
 from eldir_ros.conversions import marks
-from hardware.rig.configuration import Rig
-from hardware.rig.sections import VirtualCameraEntry
-from hardware.safety.latch import unlatch
-from hardware.virtual.body_process import BodyProcess
-from hardware.virtual.rig import BodyFrame, VirtualRig
 
 _LEAST, _MOST = 1.5, 4.0  # at the end guardians get so long to open contacts, at least and at most [s]
 

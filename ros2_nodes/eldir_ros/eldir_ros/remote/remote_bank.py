@@ -2,7 +2,7 @@
 # Use of this source code is governed by an MIT-style license that can be found in the LICENSE file or at
 # https://opensource.org/licenses/MIT.
 
-"""The springs behind the relay board node, as a `Bank` for the toolkit's player."""
+"""The springs behind the relay board node, as a `HeaterBank` for the toolkit's player."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from collections.abc import Callable, Mapping
 from typing import Protocol
 
 from eldir.errors import EldirError
+from eldir_hardware.guardian.bank import HeaterBank, Report, ReportCallback
+from eldir_hardware.relay.errors import NotProvenOffError
+from eldir_hardware.safety.stop_signals import StoppedError
 from eldir_ros.conversions import runs
 from eldir_ros.conversions.board import BoardState
-from hardware.guardian.bank import Bank, Report, See
-from hardware.relay.errors import NotProvenOffError
-from hardware.safety.stop_signals import StoppedError
 
 _BOARD_PATIENCE = 1.2  # without a report for so long, the board node counts as dead [s]
 _BEAT = 0.1  # from one BEAT to the next [s]
@@ -47,7 +47,7 @@ class BoardLink(Protocol):
 BEAT, PULSES, CUT, END = range(4)
 
 
-class RemoteBank(Bank):
+class RemoteBank(HeaterBank):
     """Use it from one thread; `report` and `interrupt` may be called from any.
 
     `run` names the run to the board. `missing` returns the required nodes that are not active; `stopped`
@@ -70,7 +70,7 @@ class RemoteBank(Bank):
         self.last: BoardState | None = None
         """The latest report that the run has seen."""
         self._heard = -float("inf")
-        self._see: See = lambda report: None
+        self._see: ReportCallback = lambda report: None
 
     def report(self, state: BoardState) -> None:
         """Add a report that the board node published; call it when the message arrives."""
@@ -116,15 +116,15 @@ class RemoteBank(Bank):
         self._sent += 1
         self._link.send_pulses(at - time.monotonic(), lengths, self._sent)
 
-    def cut(self) -> None:
+    def abort_pulses(self) -> None:
         self._send(CUT)
 
-    def rest_until(self, t: float, see: See) -> None:
-        self._see = see  # the observer also sees how the run ends
+    def wait_until(self, t: float, on_report: ReportCallback) -> None:
+        self._see = on_report  # the observer also sees how the run ends
         while True:
             self._send(BEAT)
             left = t - time.monotonic()
-            self._take(min(max(left, 0.0), _BEAT), see)
+            self._take(min(max(left, 0.0), _BEAT), on_report)
             self._raise_if_ended()
             self._raise_if_missing()
             if time.monotonic() - self._heard > _BOARD_PATIENCE:
@@ -170,7 +170,7 @@ class RemoteBank(Bank):
             remedy="cut the heating supply now",
         )
 
-    def _take(self, patience: float, see: See) -> None:
+    def _take(self, patience: float, on_report: ReportCallback) -> None:
         """Show the reports that have come; wait up to `patience` [s] for the first one."""
         try:
             item = self._reports.get(timeout=max(patience, 1e-3))
@@ -178,7 +178,7 @@ class RemoteBank(Bank):
                 if item is not None:
                     self.last, report = item
                     self._heard = time.monotonic()
-                    see(report)
+                    on_report(report)
                 item = self._reports.get_nowait()
         except queue.Empty:
             pass

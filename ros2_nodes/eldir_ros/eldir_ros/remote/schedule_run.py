@@ -11,15 +11,15 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from eldir.errors import EldirError
+from eldir_hardware.clock import WallClock
+from eldir_hardware.relay.errors import NotProvenOffError
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.run.contact_edges import ContactEdge, ContactEdges
+from eldir_hardware.run.player import Player
+from eldir_hardware.safety.schedule_digests import require_made_for
+from eldir_hardware.schedule import ActuationSchedule
 from eldir_ros.conversions import runs
 from eldir_ros.remote.remote_bank import RemoteBank
-from hardware.clock import WallClock
-from hardware.relay.errors import NotProvenOffError
-from hardware.rig.configuration import Rig
-from hardware.run.contact_edges import ContactEdge, ContactEdges
-from hardware.run.player import Player
-from hardware.safety.schedule_digests import require_made_for
-from hardware.schedule import ActuationSchedule
 
 
 @dataclass(frozen=True)

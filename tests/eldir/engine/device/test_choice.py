@@ -15,7 +15,7 @@ from eldir.engine.device import process
 from eldir.engine.device.process import chosen_device, cuda_devices, learns_on_device
 from eldir.engine.shortcuts import Shortcuts
 from eldir.errors import InputError, MissingDependencyError
-from eldir.evolution import Evolution, resume
+from eldir.evolution import EvolutionConfig, resume
 from eldir.evolution.run_folder import RunFile, RunFolder
 from eldir.lattice import Lattice
 from eldir.scene import Scene
@@ -77,7 +77,7 @@ def test_without_a_gpu_cuda_is_refused_and_auto_learns_on_the_processor(
 def test_the_run_file_says_where_robots_learn_and_resuming_elsewhere_warns(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    config = Evolution(Lattice(4, 7), population=2, generations=0, iterations=1, scene=PAPER)
+    config = EvolutionConfig(Lattice(4, 7), population=2, generations=0, iterations=1, scene=PAPER)
     monkeypatch.setenv("ELDIR_DEVICE", "vulkan")
     assert RunFile.load(RunFolder.create(tmp_path / "run", config).path / "run.json").device == "vulkan"
     monkeypatch.setenv("ELDIR_DEVICE", "cpu")

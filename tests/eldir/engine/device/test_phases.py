@@ -15,7 +15,7 @@ from eldir.engine.device.records import Outcome, Task
 from eldir.engine.device.run import in_numpy, run
 from eldir.engine.kernels.contact import NO_SLIP
 from eldir.engine.shortcuts import Shortcuts
-from eldir.evolution.ground import scene_on
+from eldir.evolution.search import scene_on
 from eldir.learning import initial_controllers
 from eldir.morphology import Morphology
 from eldir.physics import Physics

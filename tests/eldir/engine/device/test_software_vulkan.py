@@ -87,9 +87,9 @@ def test_a_worker_learns_on_a_device_as_this_process_on_the_processor(
     found = [run_batch(*batch, scene, backward=True) for _ in range(2)]
     assert found[0].losses.tobytes() == found[1].losses.tobytes()
     assert found[0].best.tobytes() == found[1].best.tobytes()
-    taught = process.compute(task)
+    trained = process.compute(task)
     monkeypatch.setenv("ELDIR_DEVICE", "cpu")
-    for there, iterations in ((found[0], 0), (taught, 2)):
+    for there, iterations in ((found[0], 0), (trained, 2)):
         wanted = run_batch(*batch, scene, backward=True, iterations=iterations, update_length=LENGTH)
         assert there.status.tolist() == wanted.status.tolist() == [-1] * 3
         np.testing.assert_allclose(there.losses, wanted.losses, rtol=0, atol=1e-12)

@@ -17,9 +17,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from eldir.built.samples import NominalRobots, sampled_walks
-from eldir.evolution.printed.configuration import PrintedEvolution
+from eldir.evolution.printed.configuration import PrintedEvolutionConfig
 from eldir.evolution.printed.search import Candidate, PrintedSearch
-from hardware.planning.workshop import workshop
+from eldir_hardware.planning.workshop import workshop
 
 GENERATIONS = 10
 _FRESH, _SEED = 16, 77
@@ -93,7 +93,7 @@ def main(picture: Path, seeds: list[int]) -> None:
     given = workshop()
     curves: dict[tuple[str, int], Curve] = {}
     for seed in seeds:
-        config = PrintedEvolution(
+        config = PrintedEvolutionConfig(
             generations=GENERATIONS, seed=seed, printed=given.printed, springs=given.springs,
             timings=given.timings,
         )  # fmt: skip

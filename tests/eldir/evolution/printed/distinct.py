@@ -11,12 +11,12 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-from cad.shortlist.likeness import shared_springs
 from eldir.built.samples import NominalRobots, sampled_walks
 from eldir.evolution import tables
 from eldir.evolution.printed.genome import PrintedGenome
 from eldir.evolution.printed.run_folder import PrintedRun
 from eldir.morphology import Morphology
+from eldir_cad.shortlist.ranking import shared_springs
 from tests.eldir.evolution.printed.baseline import _FRESH, _SEED
 
 _MOST, _ASKED = 40, 1.2

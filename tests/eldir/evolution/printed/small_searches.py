@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from eldir.evolution.printed.configuration import PrintedEvolution
+from eldir.evolution.printed.configuration import PrintedEvolutionConfig
 from eldir.evolution.printed.genome import PrintedGenome
 from eldir.evolution.printed.variation import random_genomes
 from eldir.lattice import Lattice
 from eldir.morphology import Morphology
 
 LATTICE = Lattice(6, 11)
-SMALL = PrintedEvolution(lattice=LATTICE, offspring=4, generations=2, static_margin=0.0, seed=3)
+SMALL = PrintedEvolutionConfig(lattice=LATTICE, offspring=4, generations=2, static_margin=0.0, seed=3)
 
 
 def genomes(n: int, seed: int = 0, lattice: Lattice = LATTICE, motors: int = 2) -> list[PrintedGenome]:

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from eldir.core.records import FloatArray
 from eldir.evolution.printed.archive import Archive, Niche, Walker, niche_of
-from eldir.evolution.printed.search import Judged, PrintedSearch, _most_promising
+from eldir.evolution.printed.search import Evaluation, PrintedSearch, _most_promising
 from eldir.evolution.printed.trials import Trial
 from eldir.genotype import Genotype
 from eldir.lattice import Lattice
@@ -75,11 +75,11 @@ def test_a_lucky_first_look_does_not_displace_what_many_samples_have_shown(
     newcomer = at_home(walker(2, [2.0] * 8))
     asked: list[int] = []
 
-    def judge(kind: Judged, trials: Sequence[Trial], nominal: RobotParameters) -> FloatArray:
+    def evaluate(kind: Evaluation, trials: Sequence[Trial], nominal: RobotParameters) -> FloatArray:
         asked.extend(trial.first for trial in trials)
         return np.full((len(trials), 8), later)
 
-    search = PrintedSearch(SMALL, archive=Archive({elite.niche: elite}), judge=judge)
+    search = PrintedSearch(SMALL, archive=Archive({elite.niche: elite}), evaluate=evaluate)
     assert search._admitted([newcomer]) == displaces
     inside = search.archive.elites[elite.niche]
     assert (inside.number, len(inside.walks)) == (2 if displaces else 1, 32)

@@ -23,17 +23,16 @@ from eldir.built.gait import gait_of
 from eldir.built.robot import build
 from eldir.built.samples import NominalRobots, sampled_walks
 from eldir.built.statics import height_over_base, shape_fault
-from eldir.commands.application import application
 from eldir.core.records import FloatArray
 from eldir.errors import EldirError, InputError
+from eldir.evolution import designs as designs_of_runs
 from eldir.evolution import load_run
-from eldir.evolution.printed import designs as printed_designs
 from eldir.evolution.printed import figures
 from eldir.evolution.printed.archive import Niche
-from eldir.evolution.printed.configuration import PrintedEvolution
+from eldir.evolution.printed.configuration import PrintedEvolutionConfig
 from eldir.evolution.printed.loop import evolve_printed
 from eldir.evolution.printed.run_folder import PrintedRun
-from eldir.evolution.printed.search import Candidate, Judged, PrintedSearch
+from eldir.evolution.printed.search import Candidate, Evaluation, PrintedSearch
 from eldir.evolution.printed.status import progress_line, status_of
 from eldir.evolution.printed.trials import FRESH, LANES, Trial, decided, looked_at, on_slopes, screened
 from eldir.lattice import Lattice
@@ -41,6 +40,7 @@ from eldir.learning import learn
 from eldir.morphology import Morphology
 from eldir.parameters.robot import RobotParameters
 from eldir.scene import Scene
+from eldir_app.application import application
 from tests.eldir.built.braced_robots import body
 from tests.eldir.evolution.evolve_processes import contents, start
 from tests.eldir.evolution.printed.small_searches import SMALL, edges, genomes
@@ -51,7 +51,18 @@ from tests.raised import raises
 
 pytestmark = pytest.mark.slow
 
-TINY = ["--for", "built", "--lattice", "4x7", "--population", "4", "--static-margin", "0", "--seed", "4"]
+TINY = [
+    "--objective",
+    "printed",
+    "--lattice",
+    "4x7",
+    "--population",
+    "4",
+    "--static-margin",
+    "0",
+    "--seed",
+    "4",
+]
 
 
 class Course(NamedTuple):
@@ -59,7 +70,7 @@ class Course(NamedTuple):
 
     shown: list[tuple[float, str]]
     """How far it was, in generations, and its line of progress."""
-    judged: list[tuple[Judged, int]]
+    judged: list[tuple[Evaluation, int]]
     """Kinds of trial in their order, and how many robots each had."""
 
 
@@ -86,20 +97,26 @@ def course(tmp_path_factory: pytest.TempPathFactory) -> Course:
             line = progress_line(search.generation, search.archive)
             noted.shown.append((search.generation + share, line))
 
-        def judge(kind: Judged, trials: Sequence[Trial], nominal: RobotParameters) -> FloatArray:
+        def evaluate(kind: Evaluation, trials: Sequence[Trial], nominal: RobotParameters) -> FloatArray:
             noted.judged.append((kind, len(trials)))
             shape = {screened: LANES, looked_at: FRESH}.get(kind, 2)
             return np.array([np.random.default_rng(t.seed).uniform(0.9, 1.1, shape) for t in trials])
 
         folder = PrintedRun.create(tmp_path_factory.mktemp("course") / "run", replace(SMALL, generations=1))
-        assert evolve_printed(folder, progress=progress, judge=judge)
+        assert evolve_printed(folder, progress=progress, evaluate=evaluate)
         return noted
 
     return made_once(tmp_path_factory, "printed course", run)
 
 
+def _catches(process: int, number: int) -> bool:
+    """Whether a process has its own way to end at this signal, as a run has from its first generation on."""
+    told = Path(f"/proc/{process}/status").read_text()
+    return bool(int(re.findall(r"SigCgt:\s*(\w+)", told)[0], 16) >> (number - 1) & 1)
+
+
 def test_threads_and_interruptions_do_not_matter(whole: Path, tmp_path: Path) -> None:
-    """Killed in the first generation, stopped in the second, continued on three threads."""
+    """Killed and then stopped in the first generation, continued on three threads."""
     stopped = tmp_path / "run"
     process = start("--out", stopped, "--generations", "1", *TINY, threads=3)
     deadline = time.monotonic() + 600
@@ -108,7 +125,7 @@ def test_threads_and_interruptions_do_not_matter(whole: Path, tmp_path: Path) ->
     process.kill()
     process.communicate()
     process = start("--resume", stopped, threads=3)
-    while not list(stopped.glob("archive-*.parquet")) and time.monotonic() < deadline:
+    while not _catches(process.pid, signal.SIGTERM) and time.monotonic() < deadline:
         time.sleep(0.01)
     process.send_signal(signal.SIGINT)
     _, err = process.communicate()
@@ -145,10 +162,10 @@ def test_designs_carry_a_gait_and_walk_in_it_as_promised(whole: Path) -> None:
 
 def test_controllers_are_taught_for_the_papers_comparison(whole: Path) -> None:
     designs = load_run(whole)
-    taught = learn([d.morphology for d in designs], Scene(), seed=[d.provenance["seed"] for d in designs])
-    assert [d.controller for d in designs] == list(taught.controllers)
-    assert [d.provenance["fitness_m"] for d in designs] == (-taught.losses.min(axis=1)).tolist()
-    assert [d.controller for d in load_run(whole)] == list(taught.controllers)
+    trained = learn([d.morphology for d in designs], Scene(), seed=[d.provenance["seed"] for d in designs])
+    assert [d.controller for d in designs] == list(trained.controllers)
+    assert [d.provenance["fitness_m"] for d in designs] == (-trained.losses.min(axis=1)).tolist()
+    assert [d.controller for d in load_run(whole)] == list(trained.controllers)
 
 
 def test_what_is_shown_of_the_progress_never_goes_back(course: Course) -> None:
@@ -245,14 +262,14 @@ def test_damaged_files_are_named(whole: Path, tmp_path: Path) -> None:
         ("generations", -1, "wrong-value", "generations"),
         ("max_active", 9, "wrong-value", "max_active"),
         ("static_margin", float("nan"), "wrong-value", "static_margin"),
-        ("timings", (), "inconsistent", "PrintedEvolution.timings"),
-        ("timings", ((5.0, 6.0),), "inconsistent", "PrintedEvolution.timings"),
+        ("timings", (), "inconsistent", "PrintedEvolutionConfig.timings"),
+        ("timings", ((5.0, 6.0),), "inconsistent", "PrintedEvolutionConfig.timings"),
     ],
 )
 def test_configurations_that_make_no_sense(name: str, wrong: object, code: str, key: str) -> None:
     with raises(InputError, f"printed-evolution.{code}", key):
         replace(SMALL, **{name: wrong})
-    assert PrintedEvolution.from_json(SMALL.to_json()) == SMALL
+    assert PrintedEvolutionConfig.from_json(SMALL.to_json()) == SMALL
 
 
 def test_bodies_that_never_stand_end_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -265,10 +282,10 @@ def test_bodies_that_never_stand_end_the_run(monkeypatch: pytest.MonkeyPatch) ->
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["--for", "built", "--terrain", "level"], "remove --terrain"),
-        (["--for", "built", "--iterations", "9"], "remove --iterations"),
-        (["--rig", "rig.yaml"], "--rig counts only with --for built"),
-        (["--for", "bulit"], "bulit"),
+        (["--objective", "printed", "--terrain", "level"], "remove --terrain"),
+        (["--objective", "printed", "--iterations", "9"], "remove --iterations"),
+        (["--rig", "rig.yaml"], "--rig counts only with --objective printed"),
+        (["--objective", "prnted"], "prnted"),
     ],
 )
 def test_wrong_arguments_leave_nothing(
@@ -282,7 +299,8 @@ def test_wrong_arguments_leave_nothing(
 
 def test_more_motors_than_the_rig_heats(tmp_path: Path) -> None:
     found = CliRunner().invoke(
-        application(), ["evolve", "--for", "built", "--max-motors", "3", "--out", str(tmp_path / "run")]
+        application(),
+        ["evolve", "--objective", "printed", "--max-motors", "3", "--out", str(tmp_path / "run")],
     )
     assert found.exception.key == "--max-motors"
     assert list(tmp_path.iterdir()) == []
@@ -345,7 +363,7 @@ def test_a_run_without_a_walker_has_no_figures(tmp_path: Path) -> None:
 
 def test_only_the_best_become_designs(whole: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert len(PrintedRun.open(whole).restore().archive.elites) > 1
-    monkeypatch.setattr(printed_designs, "MOST", 1)
+    monkeypatch.setattr(designs_of_runs, "_MOST_PRINTED", 1)
     assert len(load_run(whole)) == 1
 
 

@@ -1,0 +1,130 @@
+"""Several filmed runs overlaid: walk, walk in each cycle, heights of the marks, temperatures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from eldir_calibration.comparison.motions import filmed
+from eldir_calibration.comparison.recorded_run import LoggedRun, read_run
+from eldir_calibration.report.comparison import PHASES, Motion
+
+# Okabe and Ito's palette, and a form of line for each, so that a grey print reads too.
+_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000", "#8A8A00")
+_LINES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (1, 1)), (0, (3, 1, 1, 1)), (0, (8, 3)))
+_MARKERS = "osD^v<>P"
+
+
+@dataclass(frozen=True)
+class ComparedRun:
+    """One run with its filmed motion."""
+
+    name: str
+    run: LoggedRun
+    motion: Motion
+
+    @property
+    def predicted(self) -> float | None:
+        """Walk that the schedule predicts [body lengths per five cycles]."""
+        walk = self.run.schedule.predicted.walk
+        return None if walk is None else walk.mean
+
+
+def compared_run(log: Path, progress: Callable[[int], None]) -> ComparedRun:
+    """A log with its filmed motion, tracked from its pictures. Raises `InputError` for a log without design,
+    schedule, rig or pictures, or one that ends before a whole cycle."""
+    run = read_run(log)
+    return ComparedRun(str(log), run, filmed(run, progress).motion)
+
+
+def figures(runs: Sequence[ComparedRun]) -> dict[str, Figure]:
+    """A figure for each comparison, by its caption."""
+    return {
+        "Walk since the start of the cycles that count.": walk(runs),
+        "Walk in each cycle. Thin lines: what the schedule predicts.": walk_by_cycle(runs),
+        "Heights of the marks over a cycle, mean of all cycles; each run begins with its own schedule.": (
+            heights(runs)
+        ),
+        "Modelled temperatures of the springs in the last cycle.": temperatures(runs),
+    }
+
+
+def walk(runs: Sequence[ComparedRun]) -> Figure:
+    """Mean forward motion of the marks [mm] over time [s]."""
+    figure = Figure(figsize=(7.2, 3.4), layout="constrained")
+    axes = figure.subplots()
+    for k, one in enumerate(runs):
+        cycles, moved = one.motion.advance()
+        axes.plot(cycles * one.motion.period, 1e3 * moved * one.motion.body_length, **_style(k, one))
+    _finish(axes, "time (s)", "walk (mm)")
+    return figure
+
+
+def walk_by_cycle(runs: Sequence[ComparedRun]) -> Figure:
+    """Walk of each cycle [body lengths per five cycles]."""
+    figure = Figure(figsize=(7.2, 3.4), layout="constrained")
+    axes = figure.subplots()
+    for k, one in enumerate(runs):
+        moved = one.motion.displacements()
+        style = _style(k, one)
+        axes.plot(np.arange(1, len(moved) + 1), moved, marker=_MARKERS[k], ms=5, **style)
+        if one.predicted is not None:
+            axes.axhline(one.predicted, color=style["color"], ls=style["ls"], lw=0.6)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    _finish(axes, "cycle", "body lengths per five cycles")
+    return figure
+
+
+def heights(runs: Sequence[ComparedRun]) -> Figure:
+    """Height of each mark over a mean cycle [mm], a row for each mark."""
+    names = sorted({name for one in runs for name in one.motion.trajectory.names})
+    figure = Figure(figsize=(7.2, 1.2 + 1.3 * len(names)), layout="constrained")
+    rows = figure.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
+    phases = (np.arange(PHASES) + 0.5) / PHASES
+    for axes, name in zip(rows, names, strict=True):
+        for k, one in enumerate(runs):
+            marks = one.motion.trajectory.names
+            if name in marks:
+                height = np.nanmean(one.motion.by_phase()[:, :, marks.index(name), 1], axis=0)
+                axes.plot(phases, 1e3 * height, **_style(k, one))
+        _finish(axes, "", f"{name} (mm)", legend=axes is rows[0])
+    rows[-1].set_xlabel("part of the cycle")
+    return figure
+
+
+def temperatures(runs: Sequence[ComparedRun]) -> Figure:
+    """Temperature of each spring in the last cycle [C], a row for each spring."""
+    names = sorted({name for one in runs for name in one.run.log.springs}) or ["no springs"]
+    figure = Figure(figsize=(7.2, 1.2 + 1.3 * len(names)), layout="constrained")
+    rows = figure.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
+    for axes, name in zip(rows, names, strict=True):
+        for k, one in enumerate(runs):
+            log, motion = one.run.log, one.motion
+            begin = motion.start + (motion.cycles - 1) * motion.period
+            within = (log.temperature_times >= begin) & (log.temperature_times <= begin + motion.period)
+            if name in log.springs:
+                shown = log.temperatures[within, log.springs.index(name)]
+                axes.plot(log.temperature_times[within] - begin, shown, **_style(k, one))
+        _finish(axes, "", f"{name}\n(°C)", legend=axes is rows[0])
+    rows[-1].set_xlabel("time since the cycle began (s)")
+    return figure
+
+
+def _style(number: int, one: ComparedRun) -> dict[str, Any]:
+    return {"color": _COLOURS[number], "ls": _LINES[number], "lw": 1.3, "label": one.name}
+
+
+def _finish(axes: Axes, x: str, y: str, legend: bool = True) -> None:
+    axes.set_xlabel(x)
+    axes.set_ylabel(y)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.grid(alpha=0.25, lw=0.5)
+    if legend and axes.get_lines():
+        axes.legend(frameon=False, fontsize=8)

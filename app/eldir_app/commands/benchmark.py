@@ -1,0 +1,89 @@
+"""The commands `eldir benchmark ...`: measurements of the engine, each as a JSON file and a plot."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from eldir.core.kernels import AskedDevice
+from eldir_app.terminal.device import DEVICE_OPTION, choose_device
+
+benchmark = typer.Typer(help="Measure the engine; each command writes a JSON file and a plot.")
+
+Out = Annotated[Path, typer.Option(metavar="DIR", help="New folder for the JSON file and the plot.")]
+Quick = Annotated[bool, typer.Option("--quick", help="Use fewer robots and repetitions: under five minutes.")]
+
+
+@benchmark.callback()
+def _group() -> None:
+    """Measure the engine; each command writes a JSON file and a plot.
+
+    Example: eldir benchmark speed --quick --out speed
+    """
+
+
+@benchmark.command()
+def speed(
+    *, out: Out, quick: Quick = False, device: Annotated[AskedDevice | None, DEVICE_OPTION] = None
+) -> None:
+    """Measure how fast robots learn: throughput, time of each part, threads, precision, memory, first use.
+
+    On a device: throughput over numbers of robots, and a generation of 10 000.
+
+    Example: eldir benchmark speed --quick --out speed
+    """
+    from eldir.engine.device.process import chosen_device
+
+    choose_device(device)
+    _write("speed" if chosen_device() == "cpu" else "device", out, quick)
+
+
+@benchmark.command()
+def skips(*, out: Out, quick: Quick = False) -> None:
+    """Measure the gain of each shortcut, and check that the result is the same without it.
+
+    Example: eldir benchmark skips --quick --out skips
+    """
+    _write("skips", out, quick)
+
+
+@benchmark.command()
+def accuracy(*, out: Out, quick: Quick = False) -> None:
+    """Measure run time against error for each integrator, step and precision, and list the best settings.
+
+    Example: eldir benchmark accuracy --quick --out accuracy
+    """
+    _write("accuracy", out, quick)
+
+
+@benchmark.command()
+def stability(*, out: Out, quick: Quick = False) -> None:
+    """Measure at which step simulations blow up, and compare with the predicted limit.
+
+    Example: eldir benchmark stability --quick --out stability
+    """
+    _write("stability", out, quick)
+
+
+@benchmark.command()
+def built(*, out: Out, quick: Quick = False) -> None:
+    """Measure the time of a walk of the printed robot against the error of pins, soft strips and one cycle.
+
+    Example: eldir benchmark built --quick --out built
+    """
+    _write("built", out, quick)
+
+
+def _write(name: str, out: Path, quick: bool) -> None:
+    """Measure, and save the numbers and their plot."""
+    from eldir.benchmark.result import save, say
+    from eldir.core.files import require_new
+
+    require_new(out)
+    what = import_module(f"eldir.benchmark.{name}")
+    values = what.measure(quick, say)
+    save(out, name, values, what.plot(values))
+    typer.echo(f"{out}/{name}.json and {out}/{name}.png")

@@ -1,0 +1,82 @@
+"""The command `eldir calibrate camera`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from eldir_hardware.camera.views import Pattern
+
+
+def camera(
+    source: Annotated[
+        str | None, typer.Argument(help="Folder of photographs of the pattern, video, or camera:0.")
+    ] = None,
+    *,
+    out: Annotated[Path | None, typer.Option(help="Lens file to write (JSON).")] = None,
+    sheet: Annotated[
+        Path | None, typer.Option(help="Write the ChArUco sheet to print (PDF), instead of calibrating.")
+    ] = None,
+    picture: Annotated[
+        Path | None,
+        typer.Option("--map", help="Picture to write (PNG): which parts of the image the views cover."),
+    ] = None,
+    chessboard: Annotated[
+        str | None,
+        typer.Option(help="The pattern is a chessboard with this many inner corners, such as 8x6."),
+    ] = None,
+    square_mm: Annotated[
+        float, typer.Option(min=0.1, max=1000.0, help="Side of a printed square in millimetres.")
+    ] = 25.0,
+    seconds: Annotated[
+        float, typer.Option(min=1.0, max=86400.0, help="How long to film with a camera, in seconds.")
+    ] = 30.0,
+) -> None:
+    """Calibrate a camera: focal length, centre and distortion from ten or more views of a printed pattern.
+
+    Example: eldir calibrate camera --sheet sheet.pdf; print and photograph it, then
+    eldir calibrate camera photos/ --out camera.json --map views.png
+    """
+    from eldir.core.files import require_ending, require_new, write_bytes
+    from eldir_hardware.camera.lens_fit import calibrate_lens, coverage_map
+    from eldir_hardware.camera.views import find_views
+    from eldir_hardware.camera.views import sheet as make_sheet
+    from eldir_hardware.vision.sources import named_pictures, open_source
+
+    if (sheet is None) == (source is None) or (source is None) != (out is None):
+        raise typer.BadParameter("give either --sheet FILE alone, or pictures and --out FILE")
+    require_ending("--sheet", sheet, ".pdf")
+    require_ending("--map", picture, ".png")
+    require_new(out, sheet, picture)
+    pattern = _pattern(chessboard, square_mm)
+    if sheet is not None:
+        write_bytes(sheet, make_sheet(pattern))
+        print(f"wrote {sheet}: print it at 100 %, then check with a ruler that ten squares are 250 mm wide")
+        return
+    assert source is not None and out is not None
+    frames = open_source(source, rate=1.0, seconds=seconds)
+    found = calibrate_lens(find_views(named_pictures(frames), pattern), {"source": str(source)})
+    lens = found.lens
+    lens.save(out)
+    if picture is not None:
+        write_bytes(picture, coverage_map(found))
+    low, high = lens.rms_interval_px
+    print(
+        f"{out}: focal length {lens.focal_px[0]:.1f} +- {2 * lens.deviation[0]:.1f} px, "
+        f"error {lens.rms_px:.2f} px ({low:.2f} to {high:.2f}), {len(found.views)} views"
+        + (f"; views left out because of large errors: {', '.join(found.left_out)}" if found.left_out else "")
+    )
+
+
+def _pattern(chessboard: str | None, square_mm: float) -> Pattern:
+    from eldir_hardware.camera.views import Pattern
+
+    if chessboard is None:
+        return Pattern(square=1e-3 * square_mm)
+    columns, _, rows = chessboard.partition("x")
+    if not (columns.isdigit() and rows.isdigit() and min(int(columns), int(rows)) > 2):
+        raise typer.BadParameter("--chessboard counts inner corners, such as 8x6")
+    return Pattern(int(columns), int(rows), 1e-3 * square_mm, chessboard=True)

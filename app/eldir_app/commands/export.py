@@ -1,0 +1,48 @@
+"""The command `eldir export`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from eldir_cad.kit.defaults import PRINTER
+
+
+def export(
+    design: Annotated[Path, typer.Argument(help="Design file.")],
+    out: Annotated[Path, typer.Option(help="Model file to write, MJCF (.xml).")],
+    schedule: Annotated[
+        Path | None,
+        typer.Option(help="Heating schedule: also write its free lengths, and a program that runs both."),
+    ] = None,
+    rig: Annotated[
+        Path | None, typer.Option(help="Rig file: springs and supply of the schedule. Default: nominal ones.")
+    ] = None,
+    printer: Annotated[str, typer.Option(help="Printer profile: its name, or a YAML file.")] = PRINTER,
+    parts: Annotated[Path | None, typer.Option(help="Specification of the parts: a YAML file.")] = None,
+) -> None:
+    """Write the nominal robot as a MuJoCo model, with the shapes of its parts in a folder beside it.
+
+    Writing needs no MuJoCo. To look at it: pip install mujoco; python -m mujoco.viewer --mjcf=robot.xml
+
+    Example: eldir export design.json --schedule schedule.json --out robot.xml
+    """
+    from eldir.design import Design
+    from eldir_app.commands.packet import check_printer
+    from eldir_cad.kit.printer import load_printer
+    from eldir_cad.kit.specification import load_specification
+    from eldir_hardware.planning.model_export import export_robot
+    from eldir_hardware.rig.configuration import Rig
+    from eldir_hardware.schedule import ActuationSchedule
+
+    if out.suffix != ".xml":
+        raise typer.BadParameter(f"expected a file that ends in .xml; found {out.name!r}", param_hint="--out")
+    check_printer(printer)
+    springs = None if rig is None else Rig.load(rig).spring_parameters()
+    heating = None if schedule is None else ActuationSchedule.load(schedule)
+    robot = Design.load(design)
+    written = export_robot(robot, out, load_specification(parts), load_printer(printer), heating, springs)
+    for path in written:
+        typer.echo(f"wrote {path}")

@@ -1,0 +1,64 @@
+"""The command `eldir report`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def report(
+    logs: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="LOG...",
+            help="Logs (MCAP) of runs of the robot, and of the same robot without a motor or with ballast.",
+        ),
+    ],
+    design: Annotated[
+        Path, typer.Option(help="Design file of the intact robot, even if a log shows a control robot.")
+    ],
+    out: Annotated[Path, typer.Option(help="Folder to create.")],
+    scene: Annotated[
+        Path | None,
+        typer.Option(help="Scene file from `eldir calibrate dynamics`: predict with the identified robot."),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the numbers as JSON.")] = False,
+) -> None:
+    """Compare the evolved, the predicted and the filmed motion of a robot, computed from its logs alone.
+
+    Example: eldir report log.mcap control.mcap --design design.json --out report
+    """
+    from eldir.core.files import require_new
+    from eldir.core.worker_process import WorkerProcess
+
+    require_new(out)
+    # The worker imports while this process does.
+    with WorkerProcess("eldir_calibration.comparison.predictions") as worker:
+        from rich.progress import SpinnerColumn, TextColumn
+
+        from eldir.built.scene import BuiltScene
+        from eldir.design import Design
+        from eldir_app.terminal.progress import bar
+        from eldir_calibration.comparison.motions import report_content
+        from eldir_calibration.report.page import write_report
+
+        robot = Design.load(design)
+        known = None if scene is None else BuiltScene.load(scene)
+        columns = (SpinnerColumn(), TextColumn("tracking: {task.completed} frames"))
+        with bar(*columns) as progress:
+            task = progress.add_task("", total=None)
+            content = report_content(logs, robot, worker, lambda n: progress.update(task, completed=n), known)
+    found = write_report(content, out)
+    if as_json:
+        typer.echo((out / "report.json").read_text(), nl=False)
+        return
+    for warning in (*found.warnings, *content.remarks):
+        typer.echo(f"note: {warning}")
+    typer.echo(content.verdict.text)
+    whose = {"predicted": " (most probable robot)"}
+    walks = ", ".join(
+        f"{kind} {value:+.2f}{whose.get(kind, '')}" for kind, value in found.displacement.items()
+    )
+    typer.echo(f"wrote {out}/index.html; body lengths per five cycles: {walks}")

@@ -1,0 +1,67 @@
+"""The command `eldir rig firmware`."""
+
+from __future__ import annotations
+
+import math
+import re
+from importlib.resources import files
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from eldir_hardware.rig.configuration import Rig
+
+_FILES = ("channel_limits.py", "limits.py", "main.py", "modulation.py", "protocol.py")
+_MOST_CHANNELS = 16
+_LONGER_MS = 200  # than the rig's pulses, so that the board ends none of them by its own clock [ms]
+
+
+def firmware(
+    *,
+    out: Annotated[Path, typer.Option(help="Folder to write.")],
+    rig_file: Annotated[
+        Path | None, typer.Option("--rig", help="Rig file whose limits the board is to keep.")
+    ] = None,
+) -> None:
+    """Write the MOSFET board's firmware into a folder, to copy onto its microcontroller.
+
+    Example: eldir rig firmware --rig rig.yaml --out firmware
+    """
+    from eldir_hardware.rig.configuration import Rig
+
+    _write_firmware(out, None if rig_file is None else Rig.load(rig_file))
+    typer.echo(f"wrote {out}; copy its files onto the board: docs/reference/mosfet-board.md")
+
+
+def _write_firmware(folder: Path, rig: Rig | None = None) -> None:
+    """Write the files to copy onto the board into a new folder; `rig`: with the limits of that rig.
+
+    Raises `InputError` for a rig with more channels than a board has, and where the folder exists.
+    """
+    from eldir.core.files import new_folder
+
+    source = files("eldir_hardware.firmware")
+    with new_folder(folder) as made:
+        for name in _FILES:
+            text = source.joinpath(name).read_text()
+            (made / name).write_text(_limited(text, rig) if rig is not None and name == "limits.py" else text)
+
+
+def _limited(text: str, rig: Rig) -> str:
+    """The limits' file with those of a rig."""
+    from eldir.core.arguments import require_value
+
+    channels = rig.board.channels
+    require_value("board.channels", channels <= _MOST_CHANNELS, f"at most {_MOST_CHANNELS}", channels)
+    steady = () if rig.fan_channel is None else (rig.fan_channel,)
+    for name, value in (
+        ("PINS", tuple(range(rig.board.channels))),
+        ("LONGEST_ON_MS", math.ceil(1e3 * rig.limits.max_on_s) + _LONGER_MS),
+        ("DUTY_PERCENT", math.ceil(100 * rig.limits.duty - 1e-9)),
+        ("STEADY", steady),
+    ):
+        text, count = re.subn(rf"^{name} = .*$", f"{name} = {value}", text, flags=re.MULTILINE)
+        assert count == 1, name
+    return text

@@ -1,0 +1,63 @@
+"""The command `eldir rig new`."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from eldir_hardware.relay.registration import kinds
+
+_KINDS = " | ".join(kinds())
+
+
+def new(
+    *,
+    out: Annotated[Path, typer.Option(help="Rig file to write.")],
+    board: Annotated[
+        str, typer.Option(help=f"Kind of the relay board: {_KINDS}; or virtual, for a virtual rig.")
+    ] = "virtual",
+    port: Annotated[
+        str | None, typer.Option(help="Serial port of a real board, such as /dev/serial/by-path/...")
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Random seed of the virtual rig's deviations.")] = 1,
+    design: Annotated[
+        str | None,
+        typer.Option(
+            help="Design file of the robot on the virtual rig. The path is relative to the rig file."
+        ),
+    ] = None,
+) -> None:
+    """Write a commented rig file. The robot on a virtual rig is moved by MuJoCo where it is installed.
+
+    Example: eldir rig new --board lcus --port /dev/ttyUSB0 --out rig.yaml
+    """
+    from eldir.core.files import require_new, write_text
+    from eldir.errors import InputError
+    from eldir_hardware.relay.registration import board_of
+    from eldir_hardware.rig.board_hints import port_problem
+    from eldir_hardware.rig.template import real_rig, virtual_rig
+    from eldir_hardware.virtual.bodies import best_physics
+
+    virtual = board == "virtual"
+    if not virtual:
+        board_of(board)
+    if virtual == (port is not None):
+        problem = "a virtual rig has no port" if virtual else "a real board needs its port"
+        raise typer.BadParameter(problem, param_hint="--port")
+    if port is not None and (no_port := port_problem(port)):
+        raise typer.BadParameter(
+            f"{no_port}: expected a serial port, such as /dev/serial/by-path/...", param_hint="--port"
+        )
+    if design is not None and os.fsencode(design) != design.encode(errors="replace"):
+        raise InputError(
+            "a rig file cannot name this design", expected="a name in UTF-8", found=design, remedy="rename it"
+        )
+    require_new(out)
+    text = virtual_rig(seed, design, physics=best_physics()) if virtual else real_rig(board, str(port))
+    write_text(out, text)
+    typer.echo(f"wrote {out}")
+    if design is not None and not (out.parent / design).exists():
+        typer.echo(f"note: {out.parent / design} does not exist yet; a rig file names it as seen from there")

@@ -1,0 +1,297 @@
+"""The build filter: the reasons why a design cannot be built, or would not stand on the table.
+
+Each kind of fault has its own check below; `eldir_cad.checks.violations` has the records of the results.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from functools import lru_cache
+
+import numpy as np
+
+from eldir.built.robot import build
+from eldir.built.statics import freedoms, held_motors, static_margin
+from eldir.lattice import HALF_SIDE
+from eldir.morphology import Morphology
+from eldir.parameters.springs import SpringParameters
+from eldir_cad.checks.contacts import leads, nearest_contacts
+from eldir_cad.checks.rigidity import degrees_of_freedom, hinges
+from eldir_cad.checks.strip_law import StripLaw, built_parameters, spring_parameters
+from eldir_cad.checks.stroke import AT_REST, Stroke, foot_stroke, shortening, socket_turns, stroke
+from eldir_cad.checks.violations import BuildReport, Severity, Violation
+from eldir_cad.geometry.parts import cap, connector, fitting, mass_volume, strip
+from eldir_cad.geometry.plates import Size, count_plates
+from eldir_cad.kit.printer import Printer
+from eldir_cad.kit.specification import Specification
+
+_LISTED = 3  # parts of a kind that are named one by one
+_Found = tuple[list[Violation], dict[str, float]]
+
+
+def check(morphology: Morphology, spec: Specification, printer: Printer) -> BuildReport:
+    """Check a body. A refused body is not checked further, because the simulation of its motion may take
+    long."""
+    violations = [*_workspace(morphology, spec), *_motors(morphology, spec)]
+    figures: dict[str, float] = {}
+    if not violations:
+        law = StripLaw.of(spec, printer)
+        motion = stroke(morphology, spec, law)
+        for found, numbers in (
+            _hinges(morphology, spec),
+            _mechanisms(morphology, spec),
+            _coils(morphology, spec),
+            _collisions(motion, morphology, spec),
+            _strains(motion, morphology, spec, printer, law),
+            _turns(motion, morphology, spec),
+            _standing(motion, morphology, spec, printer),
+            _wires(motion, morphology, spec),
+            _counts(morphology, spec, printer),
+        ):
+            violations += found
+            figures |= {name: round(float(value), 6) for name, value in numbers.items()}
+    return BuildReport.of(violations, figures)
+
+
+def _workspace(morphology: Morphology, spec: Specification) -> list[Violation]:
+    width, height = np.ptp(morphology.positions, axis=0) / HALF_SIDE
+    rows, columns = round(height / np.sqrt(3)), round(width) - 1
+    room = spec.workspace
+    over = max(rows - room.rows, columns - room.columns)
+    if over <= 0:
+        return []
+    message = (
+        f"the body fills {rows} x {columns} triangles (rows x columns); the workspace is "
+        f"{room.rows} x {room.columns}"
+    )
+    remedy = f"evolve in this workspace: eldir evolve --lattice {room.rows}x{room.columns}"
+    return [Violation("workspace", "refused", ("body",), over, "triangles", message, remedy)]
+
+
+def _motors(morphology: Morphology, spec: Specification) -> list[Violation]:
+    most, found = spec.workspace.motors, morphology.motors
+    names = tuple(f"spring {i}" for i in np.flatnonzero(morphology.active))
+    if found == 0:
+        message, by = "the body has no active spring, so it cannot move", 1
+    elif found > most:
+        message, by = f"the body has {found} active springs; at most {most} can be built", found - most
+    else:
+        return []
+    remedy = f"evolve with motors: eldir evolve --max-motors {most}"
+    return [Violation("motors", "refused", names, by, "springs", message, remedy)]
+
+
+def _hinges(morphology: Morphology, spec: Specification) -> _Found:
+    found = hinges(morphology)
+    violations = []
+    for hinge in found:
+        alone = "nothing else holds them together" if hinge.separates else "they are also joined elsewhere"
+        message = f"mass {hinge.mass} is a hinge between {hinge.fans} parts of the body; {alone}"
+        remedy = _held(spec, "watch the play of its sockets")
+        violations.append(
+            Violation("hinge", "note", (f"mass {hinge.mass}",), hinge.fans, "parts", message, remedy)
+        )
+    return violations, {"hinges": len(found)}
+
+
+def _mechanisms(morphology: Morphology, spec: Specification) -> _Found:
+    at, springs = morphology.positions, morphology.springs
+    free = degrees_of_freedom(at, springs)
+    figures: dict[str, float] = {
+        "freedoms": free,
+        "freedoms_generic": freedoms(at, springs),
+        # These are what the motors drive: a body without any is rigid and hardly moves.
+        "freedoms_without_motors": degrees_of_freedom(at, springs[~morphology.active]),
+    }
+    violations = []
+    if free:
+        clamped = spec.strip.turn_deg == 0
+        message = f"with all its springs the body can still fold in {free} way(s), until its sockets stop it"
+        if clamped:
+            message = f"only its clamped strips keep the body from folding in {free} way(s)"
+        severity: Severity = "note" if clamped else "unfit"
+        remedy = _held(spec, "choose another design, or print clamped strips: strip.turn_deg 0")
+        violations.append(
+            Violation("mechanism", severity, ("body",), free, "degrees of freedom", message, remedy)
+        )
+    if figures["freedoms_without_motors"] == 0:
+        violations.append(
+            Violation(
+                "rigid",
+                "unfit",
+                tuple(f"spring {i}" for i in np.flatnonzero(morphology.active)),
+                1,
+                "degrees of freedom",
+                "the passive springs alone make the body rigid: its motors can deform it only by millimetres",
+                "choose a design that its motors can deform",
+            )
+        )
+    return violations, figures
+
+
+def _coils(morphology: Morphology, spec: Specification) -> _Found:
+    """Coils that the strips hold shorter than they are when hot."""
+    held = held_motors(morphology.positions, morphology.springs, morphology.active)
+    springs = spring_parameters(spec)
+    shorter = springs.hot_length - 1e-3 * spec.pitch
+    buckles = float(springs.buckling_shortening(np.array(springs.hot_length)))
+    violations = []
+    if len(held) and shorter > buckles:
+        names = tuple(f"spring {i}" for i in held)
+        message = (
+            f"strips hold the masses at both ends of {', '.join(names)}: hot, the coil is "
+            f"{1e3 * shorter:.0f} mm too long for its place; it buckles at {1e3 * buckles:.1f} mm"
+        )
+        remedy = "choose a design whose motors can all move"
+        ratio = shorter / buckles
+        violations.append(
+            Violation("coil", "unfit", names, ratio, "times the shortening at buckling", message, remedy)
+        )
+    return violations, {"held_motors": len(held), "coil_buckling_mm": 1e3 * buckles}
+
+
+def _held(spec: Specification, otherwise: str) -> str:
+    return "seat its strips without play" if spec.strip.turn_deg == 0 else otherwise
+
+
+def _collisions(motion: Stroke, morphology: Morphology, spec: Specification) -> _Found:
+    found = nearest_contacts(motion, morphology, spec)
+    violations = []
+    for contact in found[:_LISTED]:
+        one, other = contact.parts
+        lack = spec.clearance - contact.gap
+        remedy = "choose another design"
+        if contact.pose != AT_REST:
+            remedy = "heat for less time, or choose another design"
+        message = f"{one} and {other} need {lack:.1f} mm more clearance, {contact.pose}"
+        violations.append(Violation("collision", "unfit", contact.parts, lack, "mm", message, remedy))
+    return violations, {"collisions": len(found)}
+
+
+def _strains(
+    motion: Stroke, morphology: Morphology, spec: Specification, printer: Printer, law: StripLaw
+) -> _Found:
+    """Bending of the strips at the greatest shortening of all combinations of hot motors."""
+    allowed = printer.material.strain_limit / spec.safety.strain
+    short = shortening(motion, morphology)
+    passive = np.flatnonzero(~morphology.active).tolist()
+    strains = {i: law.surface_strain(min(float(short[i]), 0.9 * law.length)) for i in passive}
+    order = sorted(strains, key=lambda i: -strains[i])
+    violations = []
+    for i in order[:_LISTED]:
+        if strains[i] > allowed:
+            message = (
+                f"spring {i} is shortened by {short[i]:.1f} mm: its surface strain is {strains[i]:.1%}, "
+                f"{allowed:.1%} is allowed"
+            )
+            by = strains[i] / allowed
+            remedy = "heat for less time, or print thinner strips"
+            violations.append(
+                Violation(
+                    "strain", "unfit", (f"spring {i}",), by, "times the allowed strain", message, remedy
+                )
+            )
+    return violations, {"greatest_strain": strains[order[0]] if order else 0.0}
+
+
+def _turns(motion: Stroke, morphology: Morphology, spec: Specification) -> _Found:
+    """Springs that rotate further than their sockets allow: they are then not pinned, as is simulated."""
+    turns = np.degrees(socket_turns(motion, morphology))
+    worst, allowed = int(turns.argmax()), spec.strip.turn_deg
+    figures = {"greatest_turn_deg": float(turns[worst])}
+    if allowed == 0 or turns[worst] <= allowed:
+        return [], figures
+    message = (
+        f"in the full stroke the springs at mass {worst} rotate by {turns[worst]:.0f} degrees, their sockets "
+        f"allow {allowed:g}: then strips bend, and the stroke is smaller than predicted"
+    )
+    remedy = "heat for less time, or print wider sockets: strip.turn_deg"
+    by = float(turns[worst] - allowed)
+    return [Violation("turn", "note", (f"mass {worst}",), by, "degrees", message, remedy)], figures
+
+
+def _standing(motion: Stroke, morphology: Morphology, spec: Specification, printer: Printer) -> _Found:
+    margin = 1e3 * static_margin(build(morphology, built_parameters(spec, printer)))
+    spread = foot_stroke(motion)
+    violations = []
+    asked, safe = spec.safety.static_margin, spec.safety.static_margin_safe
+    where = f"its centre of mass lies {margin:.0f} mm inside its feet"
+    remedy = "choose a design with feet further apart"
+    if margin < asked:
+        message = f"{where}, {asked:.0f} mm are required: the robot may fall over"
+        violations.append(
+            Violation("static margin", "unfit", ("feet",), asked - margin, "mm", message, remedy)
+        )
+    elif margin < safe:
+        message = f"{where}; one in four of such robots falls over, but hardly any with {safe:.0f} mm"
+        violations.append(Violation("static margin", "note", ("feet",), safe - margin, "mm", message, remedy))
+    if spread < spec.safety.foot_stroke:
+        message = (
+            f"the motors change the distances of the feet by at most {spread:.1f} mm; bodies with less than "
+            f"{spec.safety.foot_stroke:g} mm hardly ever walk"
+        )
+        by = spec.safety.foot_stroke - spread
+        violations.append(Violation("feet", "note", ("feet",), by, "mm", message, "choose another design"))
+    return violations, {"static_margin_mm": margin, "foot_stroke_mm": spread}
+
+
+def _wires(motion: Stroke, morphology: Morphology, spec: Specification) -> _Found:
+    """Whether both leads of every motor can leave outwards, and do not touch the table."""
+    ground = 1e-6 + float(motion.rest[:, 1].min())
+    violations = []
+    found = leads(motion, morphology, spec)
+    for lead in found:
+        if lead.room < spec.clearance:
+            lack = spec.clearance - lead.room
+            message = (
+                f"the lead of S{lead.motor} at mass {lead.mass} needs {lack:.1f} mm more room beside "
+                f"{lead.nearest}"
+            )
+            parts = (f"S{lead.motor}", lead.nearest)
+            remedy = "heat for less time, or choose another design"
+            violations.append(Violation("wire", "unfit", parts, lack, "mm", message, remedy))
+    for motor, (a, b) in enumerate(morphology.springs[morphology.active].tolist()):
+        if motion.rest[[a, b], 1].max() <= ground:
+            message = f"S{motor} lies on the table: the robot may drag its leads along"
+            remedy = "fix its leads to the masses above"
+            violations.append(Violation("wire", "note", (f"S{motor}",), 0.0, "mm", message, remedy))
+    return violations, {"longest_lead_mm": max(lead.length for lead in found)}
+
+
+def _counts(morphology: Morphology, spec: Specification, printer: Printer) -> _Found:
+    """Printed parts and plates of both planes, their resin without supports, and the robot's weight."""
+    degree = Counter(morphology.springs.ravel().tolist()).values()
+    masses, full = len(degree), sum(n == 6 for n in degree)
+    motors = morphology.motors
+    volumes, sizes = _kit(spec)
+    counts = {
+        "passive_spring": 2 * (len(morphology.springs) - motors),
+        "spring_end": 4 * motors,
+        "connector": masses - full,
+        "cap": 2 * full,
+        "mass": 2 * masses,
+    }
+    volume = sum(volumes[name] * n for name, n in counts.items() if name != "mass")
+    volume += 2 * sum(mass_volume(spec, sockets) for sockets in degree)
+    resin = volume * 1e-3 * printer.material.density
+    return [], {
+        "masses": masses,
+        "motors": motors,
+        "parts": sum(counts.values()),
+        "plates": count_plates(sizes, counts, printer),
+        "resin_mm3": round(volume, 1),
+        "resin_g": round(resin, 2),
+        "robot_g": round(resin + 2 * motors * 1e3 * SpringParameters().mass, 2),
+    }
+
+
+@lru_cache(maxsize=8)
+def _kit(spec: Specification) -> tuple[dict[str, float], dict[str, Size]]:
+    """Volumes and sizes of the parts. The volume of a mass depends on its sockets (`mass_volume`)."""
+    made = {p.name: p for p in (strip(spec), fitting(spec), connector(spec), cap(spec))}
+    sizes: dict[str, Size] = {}
+    for name, part in made.items():
+        x, y, z = (float(e) for e in part.mesh.extents)
+        sizes[name] = (x, y, z)
+    sizes["mass"] = (spec.mass.across_flats, spec.mass.across_corners, spec.mass.height)
+    return {name: part.volume for name, part in made.items()}, sizes

@@ -1,0 +1,105 @@
+"""A printer with its resin and process, as a data file [mm]."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from eldir.core.arguments import require_known
+from eldir.core.validation import Section
+from eldir_cad.kit.data_files import Gap, Length, load, own_data
+from eldir_cad.kit.defaults import PRINTER
+
+
+class Minimum(Section):
+    """The finest features that a printer can print."""
+
+    wall: Length
+    """Thinnest wall [mm]."""
+    gap: Length
+    """Narrowest slot or engraved line [mm]."""
+    hole: Length
+    """Diameter of the smallest hole [mm]."""
+    pin: Length
+    """Width of the thinnest pin [mm]."""
+    clearance: Gap
+    """Smallest clearance between parts that fit into each other [mm]."""
+
+
+class Material(Section):
+    """Resin, cured."""
+
+    name: str
+    """Name of the resin."""
+    density: Annotated[float, Field(gt=0.1, lt=20)]
+    """Density of the cured resin [g/cm3]."""
+    tensile_modulus: Annotated[float, Field(gt=0)]
+    """Young's modulus in tension [MPa]."""
+    flexural_modulus: Annotated[float, Field(gt=0)]
+    """Young's modulus in bending [MPa]."""
+    flexural_strength: Annotated[float, Field(gt=0)]
+    """Flexural strength [MPa]; divided by the flexural modulus it is the strain limit."""
+
+    @property
+    def strain_limit(self) -> float:
+        """Surface strain at flexural strength."""
+        return self.flexural_strength / self.flexural_modulus
+
+
+class Wash(Section):
+    """Washing after printing."""
+
+    solvent: str
+    """Solvent of the first wash."""
+    on_plate_min: Length
+    """Duration of the wash on the plate [min]."""
+    rinse: str
+    """Liquid of the second wash."""
+    off_plate_min: Length
+    """Duration of the wash without the plate [min]."""
+
+
+class Printer(Section):
+    """A printer with its resin and process."""
+
+    format: Literal["eldir-printer/1"]
+    """Format of this file."""
+    name: str
+    """Name of the printer, as manifest and traveller state it."""
+    volume: tuple[Length, Length, Length]
+    """Width, depth and height of the build volume [mm]."""
+    pixel: Length
+    """Edge of a pixel on the plate [mm]; for the reader, nothing is computed from it."""
+    layer: Length
+    """Thickness of a layer [mm]; overhangs and islands are searched layer by layer."""
+    margin: Gap
+    """Width of the edge of the plate that stays free [mm]."""
+    spacing: Gap
+    """Least distance between parts on the plate [mm]."""
+    allowance: Annotated[float, Field(ge=-0.5, le=0.5)]
+    """Added to every clearance, and twice to peg holes and depths of sockets [mm]; found with `eldir
+    coupon`."""
+    minimum: Minimum
+    """The finest features that the printer can print."""
+    material: Material
+    """The resin, cured."""
+    wash: Wash
+    """Washing after printing, for the traveller."""
+    cure_min: Length
+    """Duration of the post-cure [min], for the traveller."""
+
+
+def printers() -> list[str]:
+    """Names of the profiles that come with the kit."""
+    return sorted(p.stem for p in own_data("parts.yaml").parent.glob("*.yaml") if p.stem != "parts")
+
+
+def load_printer(name: str = PRINTER) -> Printer:
+    """Read a printer by the name of its profile, or by the path of a YAML file."""
+    profile = Path(name)
+    if profile.suffix not in (".yaml", ".yml"):
+        profile = own_data(f"{name}.yaml")
+        require_known("printer", name, printers(), "give the path of a .yaml file for another one")
+    return load(profile, Printer)

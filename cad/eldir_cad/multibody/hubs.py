@@ -1,0 +1,131 @@
+"""Mass, centre of mass, inertia and shape of every hub, from the meshes of the parts that move with it.
+
+A hub is the mass of both faces with its connector or its caps. Strips and active springs turn in their
+sockets: half of their mass lies in each socket.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import trimesh
+
+from eldir.core.records import FloatArray
+from eldir.parameters.printed import BuiltParameters
+from eldir_cad.geometry.assembly import Assembly, Placement
+from eldir_cad.geometry.shapes import stl
+from eldir_cad.kit.specification import Specification
+
+TO_MODEL = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+"""Rotation from the assembly's axes (y up, z to the front) to those of the model (z up, y to the back)."""
+TURNING = ("passive_spring", "spring_end")  # parts that do not move with one hub
+_MM = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Inertia:
+    """A rigid body's mass and how it is spread, about a hub's centre, in the model's axes."""
+
+    mass: float
+    """[kg]"""
+    centre: FloatArray
+    """Centre of mass from the hub's centre [m], shape (3,)."""
+    tensor: FloatArray
+    """Inertia about the centre of mass [kg m2], shape (3, 3)."""
+
+    def __add__(self, other: Inertia) -> Inertia:
+        mass = self.mass + other.mass
+        centre = (self.mass * self.centre + other.mass * other.centre) / mass
+        tensor = sum(
+            (one.tensor + one.mass * _steiner(one.centre - centre) for one in (self, other)), np.zeros((3, 3))
+        )
+        return Inertia(mass, centre, tensor)
+
+    @classmethod
+    def point(cls, mass: float, place: FloatArray) -> Inertia:
+        """All mass at one place."""
+        return cls(mass, place, np.zeros((3, 3)))
+
+
+def hub_inertias(
+    assembly: Assembly,
+    spec: Specification,
+    density: float,
+    parameters: BuiltParameters,
+    nominal: BuiltParameters,
+    ballast: FloatArray,
+) -> list[Inertia]:
+    """The hubs of a robot with both faces.
+
+    `density` [g/cm3] of the resin. `parameters`: those of this robot; its hexagons and connectors weigh as
+    much more than their volume says as they differ from `nominal`. `ballast` [kg] on each hub, shape (M,), as
+    a disc as wide as its holder.
+    """
+    scales = {
+        "mass": parameters.hexagon / nominal.hexagon,
+        "cap": parameters.hexagon / nominal.hexagon,
+        "connector": parameters.half_connector / nominal.half_connector,
+    }
+    found: dict[int, Inertia] = {}
+    for placement in assembly.placements:
+        if placement.part in TURNING:
+            continue
+        (hub,) = placement.masses
+        part = _placed(assembly, placement, hub, density, scales)
+        found[hub] = found[hub] + part if hub in found else part
+    body = assembly.morphology
+    for (a, b), active in zip(body.springs.tolist(), body.active, strict=True):
+        along = (assembly.centres[b] - assembly.centres[a]) / spec.pitch
+        half = parameters.active_spring if active else parameters.strip  # half of it, on two faces
+        for hub, sign in ((a, 1), (b, -1)):
+            place = sign * _MM * spec.bulb_radius_at * np.array([along[0], 0.0, along[1]])
+            found[hub] = found[hub] + Inertia.point(half, place)
+    wide = _MM * spec.holder.across_flats / 2
+    for hub, weight in enumerate(ballast.tolist()):
+        if weight > 0:
+            disc = weight * wide**2 * np.diag([0.25, 0.5, 0.25])
+            found[hub] = found[hub] + Inertia(weight, np.zeros(3), disc)
+    return [found[hub] for hub in range(len(assembly.centres))]
+
+
+def _placed(
+    assembly: Assembly, placement: Placement, hub: int, density: float, scales: Mapping[str, float]
+) -> Inertia:
+    mesh = assembly.parts[placement.part].mesh
+    gram = 1e-6 * density * scales[placement.part.split("_")[0]]  # kg/mm3
+    rotation = TO_MODEL @ placement.rotation
+    at = TO_MODEL @ (placement.translation - np.array([*assembly.centres[hub], 0.0]))
+    centre = rotation @ np.asarray(mesh.center_mass) + at
+    tensor = rotation @ np.asarray(mesh.moment_inertia) @ rotation.T
+    return Inertia(gram * float(mesh.volume), _MM * centre, gram * _MM**2 * tensor)
+
+
+def _steiner(offset: FloatArray) -> FloatArray:
+    return np.asarray(offset @ offset * np.eye(3) - np.outer(offset, offset))
+
+
+def hub_shapes(assembly: Assembly) -> dict[int, bytes]:
+    """The parts of every hub about its centre, in the model's axes, as binary STL for a viewer [m]."""
+    found: dict[int, list[trimesh.Trimesh]] = {}
+    for placement in assembly.placements:
+        if placement.part in TURNING:
+            continue
+        (hub,) = placement.masses
+        matrix = np.eye(4)
+        matrix[:3, :3] = TO_MODEL @ placement.rotation
+        matrix[:3, 3] = TO_MODEL @ (placement.translation - np.array([*assembly.centres[hub], 0.0]))
+        mesh = assembly.parts[placement.part].mesh.copy()
+        mesh.apply_transform(matrix)
+        mesh.apply_scale(1e-3)
+        found.setdefault(hub, []).append(mesh)
+    return {hub: stl(_merged(found[hub])) for hub in sorted(found)}
+
+
+def _merged(meshes: list[trimesh.Trimesh]) -> trimesh.Trimesh:
+    """All triangles of several meshes."""
+    before = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
+    faces = [mesh.faces + first for mesh, first in zip(meshes, before, strict=False)]
+    vertices = np.concatenate([mesh.vertices for mesh in meshes])
+    return trimesh.Trimesh(vertices, np.concatenate(faces), process=False)

@@ -1,0 +1,135 @@
+"""What is in a packet: the file manifest.json."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field, NonNegativeInt, PositiveFloat, PositiveInt
+
+from eldir.core.records import FileRecord, Record, record
+from eldir.core.version import __version__
+from eldir.design import Variant
+from eldir.parameters.wiring import Connection, Wiring, wiring_digest
+from eldir_cad.checks.violations import BuildReport
+from eldir_cad.geometry.inspection import Inspection
+from eldir_cad.packet.content import Content
+
+Digest = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
+
+
+@record
+class ManifestWiring(Record):
+    """Which relay channel heats which spring."""
+
+    sha256: Digest
+    """SHA-256 of the map from channels to springs; its first 8 digits stand on the assembly map."""
+    channels: tuple[Connection, ...]
+    """Each relay channel that heats a spring."""
+
+
+@record
+class _Pieces(Record):
+    """Number and weight of a part."""
+
+    count: PositiveInt
+    """Number of pieces in the packet."""
+    volume_mm3: PositiveFloat
+    """Volume of one piece [mm3]."""
+    weight_g: PositiveFloat
+    """Weight of one piece, at the resin's density [g]."""
+
+
+@record
+class PartNumbers(Inspection, _Pieces):  # in the file, the entries of the last base are the first
+    """A part, with measurements of one piece."""
+
+
+@record
+class Totals(Record):
+    """Sums over all pieces."""
+
+    parts: NonNegativeInt
+    """Number of pieces."""
+    plates: PositiveInt
+    """Number of plates."""
+    volume_mm3: float
+    """Volume of all pieces [mm3]."""
+    weight_g: float
+    """Weight of all pieces [g]."""
+
+
+@record
+class Clearance(Record):
+    """Smallest distance between placed parts."""
+
+    asked_mm: float
+    """Clearance of the specification, the printer's allowance included [mm]."""
+    tightest_mm: float
+    """Smallest distance that was measured [mm]."""
+    between: tuple[str, str]
+    """Names of the two parts between which it was measured."""
+
+
+@record
+class Manifest(FileRecord):
+    """What is in a build packet."""
+
+    FORMAT = "eldir-packet/1"
+
+    version: str
+    """Version of eldir that wrote the file."""
+    printer: str
+    """Name of the printer."""
+    material: str
+    """Name of the resin."""
+    variant: Variant
+    """How the built robot differs from its design; empty: it does not."""
+    marks: dict[Annotated[str, Field(pattern="^m[1-5]$")], NonNegativeInt]
+    """Number of the mass that carries each tracking disc."""
+    wiring: ManifestWiring
+    """Which relay channel heats which spring; older packets lack it."""
+    parts: dict[str, PartNumbers]
+    """Each different part, by its name, with measurements of one piece."""
+    totals: Totals
+    """Sums over all pieces."""
+    clearance: Clearance
+    """Smallest distance between placed parts."""
+    build_report: BuildReport
+    """Findings of the build filter."""
+    files: dict[str, Digest]
+    """SHA-256 of every other file of the packet, by its path."""
+
+    @classmethod
+    def of(cls, folder: Path, c: Content, connections: Wiring) -> Manifest:
+        """The manifest of the files in a folder."""
+        density = c.printer.material.density * 1e-3
+        volumes = {name: c.assembly.parts[name].volume for name in c.assembly.counts}
+        files = sorted(p for p in folder.rglob("*") if p.is_file())
+        return cls(
+            __version__,
+            c.printer.name,
+            c.printer.material.name,
+            c.variant,
+            {f"m{i + 1}": int(mass) for i, mass in enumerate(c.assembly.marks)},
+            ManifestWiring(wiring_digest(connections), connections),
+            {
+                name: PartNumbers(
+                    count=count,
+                    volume_mm3=round(volumes[name], 3),
+                    weight_g=round(volumes[name] * density, 4),
+                    **vars(c.inspections[name]),
+                )
+                for name, count in c.assembly.counts.items()
+            },
+            Totals(
+                sum(c.assembly.counts.values()),
+                len(c.plates),
+                round(c.assembly.volume, 3),
+                round(c.assembly.volume * density, 3),
+            ),
+            Clearance(round(c.spec.clearance, 6), round(c.gap[0], 4), c.gap[1:]),
+            c.report,
+            {p.relative_to(folder).as_posix(): hashlib.sha256(p.read_bytes()).hexdigest() for p in files},
+        )

@@ -1,4 +1,0 @@
-"""The kit: dimensions, materials and printers, read from data files.
-
-Solids and meshes are in `cad.geometry`.
-"""

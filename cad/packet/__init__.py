@@ -1,4 +1,0 @@
-"""The build packet for the workshop: files, tables, drawings and PDFs.
-
-Parts and plates come from `cad.geometry`.
-"""

@@ -1,4 +1,0 @@
-"""A robot's parameters identified from films of it, with their uncertainty.
-
-No files and no devices: recordings in, parameters out (`hardware.analysis` reads the logs).
-"""

@@ -1,0 +1,218 @@
+"""Every number of a report: the file report.json."""
+
+from __future__ import annotations
+
+from dataclasses import field
+from typing import Annotated, Any
+
+from pydantic import Field
+
+from eldir.core.records import OMITTED, FileRecord, Record, Rounded, record
+from eldir.parameters.wiring import Connection, Wiring, wiring, wiring_digest
+from eldir_calibration.report.comparison import Agreement, CycleMean
+from eldir_calibration.report.null_comparison import OtherDesigns
+from eldir_calibration.report.verdict import RANGE, SWING, Agrees, Compared, MarkMotion, ReportVerdict
+from eldir_hardware.vision.tracking_quality import TrackingQuality
+
+Number = Annotated[float, Rounded(9)]
+Size = Annotated[float, Rounded(9, ge=0)]
+Interval = tuple[Number, Number]
+
+
+def interval_of(estimate: CycleMean) -> Interval:
+    """Both ends of the interval of an estimate."""
+    return estimate.low, estimate.high
+
+
+@record
+class ComparedNumbers(Record):
+    """One quantity, predicted and filmed."""
+
+    predicted: Number
+    """Mean of the samples that stay upright."""
+    predicted_interval: Interval
+    """95 % for one more robot."""
+    nominal: Number
+    """Prediction for the nominal robot, or for the most probable one."""
+    tracked: Number
+    """Filmed value; null if nothing was filmed."""
+    tracked_interval: Interval
+    """95 % over cycles."""
+    agreement: Agrees | None
+    """agrees: the film lies within the prediction's interval; undecided: only its own interval reaches
+    inside; disagrees; null: unknown."""
+
+    @classmethod
+    def entries(cls, one: Compared) -> dict[str, Any]:
+        """The entries of one quantity."""
+        return {
+            "predicted": one.predicted.mean,
+            "predicted_interval": interval_of(one.predicted),
+            "nominal": one.nominal,
+            "tracked": one.tracked.mean,
+            "tracked_interval": interval_of(one.tracked),
+            "agreement": one.agreement,
+        }
+
+
+@record
+class _Mark(Record):
+    """Which motion of which mark."""
+
+    mark: str
+    """Name of the mark."""
+    motion: Annotated[str, Field(json_schema_extra={"enum": [RANGE, SWING]})]
+    """Which motion of the mark."""
+
+
+@record
+class MotionNumbers(ComparedNumbers, _Mark):  # in the file, the entries of the last base are the first
+    """The size of the motion of one mark in one direction [m], predicted and filmed."""
+
+    @classmethod
+    def of(cls, one: MarkMotion) -> MotionNumbers:
+        """The motion of one mark."""
+        return cls(mark=one.mark, motion=one.what, **cls.entries(one))
+
+
+@record
+class VerdictNumbers(Record):
+    """The main finding: the film against samples of the uncertain robot."""
+
+    text: str
+    """The finding in words."""
+    samples: Annotated[int, Field(ge=0)]
+    """Number of sampled robots; 0: nothing was sampled and nothing is decided."""
+    fell: Annotated[int, Field(ge=0)]
+    """Samples that fell, folded or buckled a coil."""
+    body_lengths_per_5_cycles: ComparedNumbers
+    """The walk [body lengths per five cycles]."""
+    motions_m: tuple[MotionNumbers, ...]
+    """Vertical range and horizontal swing of every mark [m]."""
+    largest_disagreement: MotionNumbers | None
+    """The motion that disagrees most [m]; null if none can be compared."""
+
+    @classmethod
+    def of(cls, verdict: ReportVerdict) -> VerdictNumbers:
+        """The numbers of a verdict."""
+        walk = ComparedNumbers(**ComparedNumbers.entries(verdict.walk))
+        motions = tuple(map(MotionNumbers.of, verdict.motions))
+        worst = None if verdict.worst is None else MotionNumbers.of(verdict.worst)
+        return cls(verdict.text, verdict.samples, verdict.fell, walk, motions, worst)
+
+
+@record
+class MassNumbers(Record):
+    """Motion of one marked mass. Each range is given for the simulated, predicted and tracked motion."""
+
+    vertical_range_m: dict[str, Size]
+    """Greatest minus least height in a cycle, mean over cycles [m]."""
+    vertical_range_interval_m: dict[str, Interval]
+    """95 % confidence interval over cycles (Student's t) [m]; of the prediction, for one more robot, from
+    samples."""
+    vertical_range_body_lengths: dict[str, Size]
+    """The same range in body lengths, of each motion."""
+    agreement_with_camera: dict[str, dict[str, Agreement]]
+    """Agreement of the simulated and the predicted motion with the camera, horizontal and vertical."""
+    seen: Annotated[float, Rounded(9, ge=0, le=1)]
+    """Share of frames."""
+
+
+@record
+class RunNumbers(Record):
+    """One log."""
+
+    log: str
+    """Name of the log file."""
+    robot: str
+    """`intact`, or how the robot differs from its design."""
+    detail: str
+    """Detail, such as which motor is missing; empty for the intact robot."""
+    tracked: Number
+    """Filmed displacement [body lengths per five cycles]."""
+    tracked_interval: Interval
+    """95 % interval of the filmed displacement over cycles."""
+    predicted: Number
+    """Predicted displacement of this robot under its schedule [body lengths per five cycles]."""
+    cycles: Annotated[int, Field(ge=1)]
+    """Number of cycles that count."""
+    fingerprint: Annotated[str | None, Field(pattern="^[0-9a-f]{64}$"), OMITTED] = None
+    """SHA-256 of the log's size and of its last 64 KiB."""
+
+
+@record
+class WiringNumbers(Record):
+    """Which relay channel heated which spring."""
+
+    sha256: str
+    """As in the packet's manifest."""
+    as_packet: bool
+    """Whether packets say the same."""
+    channels: tuple[Connection, ...]
+    """Each relay channel that heats a spring."""
+
+    @classmethod
+    def of(cls, wired: Wiring) -> WiringNumbers:
+        """The numbers of a map that heats one spring or more."""
+        digest, packet = wiring_digest(wired), wiring(1 + max(c.spring for c in wired))
+        return cls(digest, digest == wiring_digest(packet), wired)
+
+
+@record
+class PredictionErrors(Record):
+    """A prediction, and its errors compared with the camera."""
+
+    vertical_range_m: dict[str, Size]
+    """Predicted vertical range of each mark, mean over cycles [m]."""
+    vertical_range_error: Number
+    """Mean over masses, as a part of the camera's mean range."""
+    height_error_m: Number
+    """Root mean square error of the marks' heights over a mean cycle [m]."""
+    body_lengths_per_5_cycles: Number
+    """Predicted displacement [body lengths per five cycles]."""
+
+
+@record
+class IdentificationGain(Record):
+    """The prediction before and after `eldir calibrate dynamics`."""
+
+    before: PredictionErrors
+    """Errors of the nominal robot's prediction."""
+    after: PredictionErrors
+    """Errors of the identified robot's prediction."""
+
+
+@record
+class ReportNumbers(FileRecord):
+    """Written by `eldir report` as report.json. Lengths in metres at the built robot's pitch; null where a
+    mass was not seen."""
+
+    FORMAT = "eldir-report/1"
+
+    verdict: VerdictNumbers
+    """The main finding: the film against samples of the uncertain robot."""
+    masses: dict[str, MassNumbers]
+    """Marked masses, m1 lowest."""
+    body_lengths_per_5_cycles: dict[str, Number]
+    """Mean forward motion of the marked masses: simulated, where the robot evolved; predicted for the built
+    robot; tracked, null if it was not seen."""
+    body_lengths_per_5_cycles_interval: dict[str, Interval]
+    """95 % of each motion: over cycles; of the prediction, for one more robot, from samples."""
+    paper_body_lengths_per_5_cycles: dict[str, float]
+    """Displacement of the paper's robot (Sect. Sim2Real), simulated and tracked."""
+    runs: tuple[RunNumbers, ...]
+    """Every log; body lengths per five cycles."""
+    other_designs: OtherDesigns | None
+    """Other bodies with as many motors under the same schedule: the agreement by chance."""
+    tracking: TrackingQuality | None
+    """Quality of the tracked motion; null if nothing was tracked."""
+    body_length_m: Annotated[float, Rounded(9, ge=0)]
+    """Body length of the built robot [m]."""
+    wiring: WiringNumbers | None
+    """Which relay channel heated which spring; null if unknown."""
+    warnings: tuple[str, ...]
+    """Warnings for the reader, as sentences."""
+    provenance: dict[str, Any] = field(default_factory=dict)
+    """Origin of the report, for the reader: versions, files, seeds."""
+    identification: Annotated[IdentificationGain | None, OMITTED] = None
+    """The prediction before and after `eldir calibrate dynamics`; only with --scene."""

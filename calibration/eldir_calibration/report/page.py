@@ -1,0 +1,244 @@
+"""The report: one self-contained HTML page, a PNG of each figure, and every number in JSON."""
+
+from __future__ import annotations
+
+import base64
+import math
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from eldir.core.figure_folder import page_templates
+from eldir.core.files import new_folder, write_bytes, write_text
+from eldir.core.pictures import png
+from eldir.core.records import BoolArray, FloatArray
+from eldir.parameters.wiring import Wiring
+from eldir_calibration.report import figures
+from eldir_calibration.report.comparison import KINDS, Motion, MotionReport, best_lag, compare
+from eldir_calibration.report.null_comparison import OtherDesigns
+from eldir_calibration.report.numbers import (
+    IdentificationGain,
+    MassNumbers,
+    PredictionErrors,
+    ReportNumbers,
+    RunNumbers,
+    VerdictNumbers,
+    WiringNumbers,
+    interval_of,
+)
+from eldir_calibration.report.runs import PAPER as PAPER_RUNS
+from eldir_calibration.report.runs import FilmedRun, conclusions, pooled
+from eldir_calibration.report.sampled_motions import SampledMotions
+from eldir_calibration.report.verdict import Compared, ReportVerdict, verdict_of, with_sample_intervals
+from eldir_hardware.camera.plane import Image, Plane
+from eldir_hardware.vision.tracking_quality import TrackingQuality
+
+PAPER = {"simulated": 0.6, "tracked": 0.8}
+"""Body lengths per five cycles of the paper's robot (Sect. Sim2Real)."""
+
+
+@dataclass(frozen=True)
+class Heating:
+    """Contacts and temperatures in the log."""
+
+    relay_times: FloatArray
+    relays: BoolArray
+    channels: tuple[str, ...]
+    temperature_times: FloatArray
+    temperatures: FloatArray
+    springs: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class ReportInput:
+    """The content of a report."""
+
+    title: str
+    simulated: Motion
+    predicted: Motion
+    tracked: Motion
+    heating: Heating
+    before: Motion | None = None
+    """The prediction of the nominal robot, where `predicted` is of an identified one."""
+    overlay: bytes | None = None
+    """PNG of a frame with the tracks drawn in."""
+    remarks: tuple[str, ...] = ()
+    provenance: dict[str, Any] = field(default_factory=dict)
+    samples: SampledMotions | None = None
+    """Motions of samples of the predicted robot."""
+    runs: tuple[FilmedRun, ...] = ()
+    """Every log, that of the three motions first."""
+    others: OtherDesigns | None = None
+    quality: TrackingQuality | None = None
+    frame: Image | None = None
+    """The frame of the first log at the start of the cycles that count."""
+    plane: Plane | None = None
+    film: bytes | None = None
+    """WebM of the first log's cycles that count, with the predicted body over the camera's picture."""
+    wiring: Wiring = ()
+    """Which relay channel heated which spring; empty if unknown."""
+
+    @cached_property
+    def verdict(self) -> ReportVerdict:
+        """The main finding."""
+        return verdict_of(self.predicted, self.tracked, self.samples)
+
+
+def write_report(content: ReportInput, folder: Path) -> MotionReport:
+    """Write `index.html`, `report.json` and the figures into a new folder, whole or not at all."""
+    motions = dict(zip(KINDS, (content.simulated, content.predicted, content.tracked), strict=True))
+    report = compare(*motions.values())
+    if content.samples is not None:
+        report = with_sample_intervals(report, content.verdict)
+    gain = None
+    if content.before is not None:
+        gain = IdentificationGain(
+            _errors(content.before, content.tracked), _errors(content.predicted, content.tracked)
+        )
+    lag = best_lag(content.simulated.by_phase(), content.tracked.by_phase())
+    drawn = _drawn(content, motions, report, lag)
+    pictures = {name: (caption, png(figure)) for name, (caption, figure) in drawn.items()}
+    if content.overlay is not None:
+        caption = "A frame of the log with the path that the tracker found for each mass"
+        pictures = {"frame": (caption, content.overlay), **pictures}
+    # Adding 0.0 takes the sign from a rounded minus zero.
+    templates = page_templates(
+        "eldir_calibration.report",
+        percent=lambda v: f"{100 * v:.1f} %" if math.isfinite(v) else "–",
+        mm=lambda v: f"{round(v * 1e3, 1) + 0.0:.1f}" if math.isfinite(v) else "not seen",
+        number=lambda v: f"{round(v, 2) + 0.0:+.2f}" if math.isfinite(v) else "not seen",
+        fine=lambda v: f"{round(v, 3) + 0.0:+.3f}" if math.isfinite(v) else "?",
+    )
+    page = templates.get_template("report.html").render(
+        title=content.title,
+        report=report,
+        verdict=content.verdict,
+        scale=_scale(content.verdict.walk),
+        film=None if content.film is None else base64.b64encode(content.film).decode(),
+        alternatives=figures.ALTERNATIVES,
+        sampled=content.samples is not None,
+        kinds=KINDS,
+        labels=figures.LABELS,
+        paper=PAPER,
+        warnings=[*report.warnings, *content.remarks],
+        runs=content.runs,
+        together=pooled(content.runs),
+        paper_runs=PAPER_RUNS,
+        conclusions=conclusions(content.runs),
+        others=content.others,
+        quality=content.quality,
+        pictures=[(n, c, base64.b64encode(b).decode()) for n, (c, b) in pictures.items()],
+        provenance=content.provenance,
+        gain=gain,
+    )  # fmt: skip
+    with new_folder(folder) as draft:
+        write_text(draft / "index.html", page)
+        _numbers(report, content, gain).save(draft / "report.json")
+        for name, (_, data) in pictures.items():
+            write_bytes(draft / f"{name}.png", data)
+        if content.film is not None:
+            write_bytes(draft / "film.webm", content.film)
+    return report
+
+
+def _scale(walk: Compared) -> dict[str, float] | None:
+    """Places on the headline's axis, in hundredths of its width; None where there is no interval."""
+    known = [walk.predicted.low, walk.predicted.high, walk.tracked.mean]
+    if not np.isfinite(known).all():
+        return None
+    own = [v for v in (walk.tracked.low, walk.tracked.high) if math.isfinite(v)]
+    low, high = min(0.0, *known, *own), max(0.0, *known, *own)
+    low, high = low - 0.08 * (high - low), high + 0.08 * (high - low)
+    places = {"zero": 0.0, "low": known[0], "high": known[1], "mean": walk.predicted.mean, "filmed": known[2]}
+    places |= {"film_low": min(own, default=known[2]), "film_high": max(own, default=known[2])}
+    return {name: round(100 * (v - low) / (high - low), 2) for name, v in places.items()}
+
+
+def _drawn(
+    content: ReportInput, motions: dict[str, Motion], report: MotionReport, lag: int
+) -> dict[str, tuple[str, Figure]]:
+    """Caption and figure of each name."""
+    drawn = {
+        "ranges": ("Vertical range of motion, mean and 95 % interval over cycles", figures.ranges(report)),
+        "advance": ("Forward motion of the marked masses", figures.advance(motions)),
+    }
+    if len(content.runs) > 1:
+        caption = "Each robot beside its prediction; camera with 95 % interval over cycles"
+        drawn["runs"] = (caption, figures.side_by_side(content.runs))
+    if content.frame is not None and content.plane is not None:
+        caption = (
+            "Mean cycles without the steady walk, on the frame at the start of the cycles that count. A ring "
+            "marks phase zero. The evolved robot's cycle is stretched, and shifted to where it fits best"
+        )
+        cycles = figures.cycles_on_frame(content.frame, content.plane, motions, lag)
+        drawn["cycles"] = (caption, cycles)
+    drawn["paths"] = ("Paths of the marked masses over the cycles that count", figures.paths(motions))
+    drawn["heights"] = (
+        "Height over a cycle, without its mean. Bands span all cycles. The evolved robot's cycle is "
+        "stretched, and shifted to where it fits best",
+        figures.heights(motions, lag),
+    )
+    if content.others is not None:
+        caption = "Correlation of vertical-range profiles with the camera's, also for other bodies"
+        drawn["profiles"] = (
+            caption,
+            figures.profiles(
+                content.others.profile_correlation, content.others.profile_correlation_of_others
+            ),
+        )
+    caption = "The motion, the contacts as read back, and the modelled temperatures"
+    drawn["heating"] = (caption, figures.heating(content.tracked, **vars(content.heating)))
+    return drawn
+
+
+def _numbers(report: MotionReport, content: ReportInput, gain: IdentificationGain | None) -> ReportNumbers:
+    """Every number of the report."""
+    masses = {
+        name: MassNumbers(
+            {kind: report.ranges[kind][k].mean for kind in KINDS},
+            {kind: interval_of(report.ranges[kind][k]) for kind in KINDS},
+            {kind: report.ranges[kind][k].mean / report.body_length for kind in KINDS},
+            {kind: both[k] for kind, both in report.agreement.items()},
+            float(report.seen[k]),
+        )
+        for k, name in enumerate(report.names)
+    }
+    runs = (
+        RunNumbers(
+            run.log, run.robot, run.detail, run.walked.mean, interval_of(run.walked), run.expected,
+            run.tracked.cycles, run.fingerprint or None,
+        )
+        for run in content.runs
+    )  # fmt: skip
+    return ReportNumbers(
+        VerdictNumbers.of(content.verdict),
+        masses,
+        report.displacement,
+        {kind: interval_of(walked) for kind, walked in report.walked.items()},
+        PAPER,
+        tuple(runs),
+        content.others,
+        content.quality,
+        report.body_length,
+        WiringNumbers.of(content.wiring) if content.wiring else None,
+        (*report.warnings, *content.remarks),
+        content.provenance,
+        gain,
+    )
+
+
+def _errors(motion: Motion, seen: Motion) -> PredictionErrors:
+    """A prediction compared with the camera."""
+    tracked, ranges = seen.vertical_ranges(), motion.vertical_ranges().mean(axis=0)
+    apart = motion.by_phase() - seen.by_phase()
+    off = np.abs(ranges - np.nanmean(tracked, axis=0))
+    return PredictionErrors(
+        dict(zip(seen.trajectory.names, ranges.tolist(), strict=True)),
+        float(np.nanmean(off) / np.nanmean(tracked)),
+        float(np.sqrt(np.nanmean(apart[..., 1] ** 2))),
+        motion.displacement(),
+    )

@@ -1,0 +1,73 @@
+"""The installed kinds of marker: entry points of the group `eldir.markers`, of any package.
+
+A package adds a kind with one line in its pyproject.toml; the name on the left is what a rig file says:
+
+    [project.entry-points."eldir.markers"]
+    stars = "my_markers.stars:MARKER"
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib.metadata import entry_points
+from typing import TYPE_CHECKING, Any
+
+from eldir.core.arguments import require_known
+from eldir.core.records import FloatArray
+from eldir.errors import InputError
+
+if TYPE_CHECKING:
+    from eldir_hardware.markers.tracker import MarkerTracker
+
+GROUP = "eldir.markers"
+DEFAULT = "discs"
+"""The kind of rig files and logs that name none."""
+
+Paint = Callable[[str, FloatArray, float], tuple[FloatArray, FloatArray]]
+
+
+@dataclass(frozen=True)
+class MarkerKind:
+    """A kind of marker, which an entry point of the group names."""
+
+    tracker: type[MarkerTracker[Any]]
+    """Made with plane, names m1, m2, ... and the design's layout."""
+    paint: Paint
+    """What the printed marker of a name looks like at points (..., 2) from its centre [m], each as wide [m]
+    as the last argument says: the part that it covers (...) and its linear reflectance, BGR (..., 3), or the
+    same for all colours (..., 1)."""
+    width: float
+    """Width of the printed marker with its white border [m]."""
+    description: str
+    """What it is, in a few words, for the printed sheet."""
+
+
+def kinds() -> tuple[str, ...]:
+    """The kinds of marker that are installed, sorted by name."""
+    return tuple(sorted({point.name for point in entry_points(group=GROUP)}))
+
+
+def require_kind(kind: str) -> str:
+    """The kind itself. Raises `InputError` where it is not installed; loads nothing."""
+    remedy = "correct the kind, or install the package that provides it"
+    require_known("kind of marker", kind, kinds(), remedy)
+    return kind
+
+
+def marker_kind(kind: str) -> MarkerKind:
+    """The kind of that name. Raises `InputError` where there is none, or it cannot be loaded."""
+    point = next(iter(entry_points(group=GROUP, name=require_kind(kind))))
+    try:
+        found = point.load()
+    except (Exception, SystemExit) as error:  # another package's code runs here
+        found = error
+    if not isinstance(found, MarkerKind):
+        raise InputError(
+            f"the marker kind {kind} cannot be loaded from {point.value}",
+            code="package.broken",
+            expected="a eldir_hardware.markers.registration.MarkerKind",
+            found=f"{type(found).__name__}: {found}",
+            remedy="repair or remove the package that provides it",
+        )
+    return found

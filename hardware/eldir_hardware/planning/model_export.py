@@ -1,0 +1,85 @@
+"""A robot as files that MuJoCo opens: the model, the shapes of its hubs, and the heating of a schedule."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from eldir.built.heat import SpringState, heat
+from eldir.core.arguments import require_value
+from eldir.core.files import new_folder, require_new, write_bytes, write_text
+from eldir.core.records import FloatArray
+from eldir.design import Design
+from eldir.parameters.springs import SpringParameters
+from eldir_cad.geometry.assembly import assemble
+from eldir_cad.kit.printer import Printer
+from eldir_cad.kit.specification import Specification
+from eldir_cad.multibody.hubs import hub_shapes
+from eldir_cad.multibody.mjcf import mjcf
+from eldir_cad.multibody.model import Multibody, multibody
+from eldir_hardware.schedule import ActuationSchedule
+
+INTERVAL = 0.05
+"""Between two rows of the table of a schedule [s]."""
+_RUNNER = Path(__file__).with_name("model_runner.txt")
+
+
+def export_robot(
+    design: Design,
+    out: Path,
+    spec: Specification,
+    printer: Printer,
+    schedule: ActuationSchedule | None = None,
+    springs: SpringParameters | None = None,
+) -> list[Path]:
+    """Write the nominal robot of a design as MJCF to `out`, and the shapes of its hubs into a folder beside
+    it.
+
+    With a `schedule` also a table of its coils' free lengths and stiffnesses, by `springs`, and a program
+    that runs both. Returns what was written. Raises `EldirError` if one of the files exists, `InputError` if
+    the schedule does not fit the design.
+    """
+    stem, body = out.with_suffix(""), design.morphology
+    folder = stem.with_name(f"{stem.name}-parts")
+    table, runner = stem.with_name(f"{stem.name}-schedule.csv"), stem.with_name(f"{stem.name}-run.py")
+    require_new(out, folder, *((table, runner) if schedule else ()))
+    model = multibody(body, spec, printer, ballast=design.ballast)
+    rows = None if schedule is None else _table(model, schedule, springs or SpringParameters())
+    shapes = hub_shapes(assemble(body, spec))
+    with new_folder(folder) as draft:
+        for hub, data in shapes.items():
+            write_bytes(draft / f"hub_{hub:02d}.stl", data)
+    names = {hub: f"{folder.name}/hub_{hub:02d}.stl" for hub in shapes}
+    write_text(out, mjcf(model, stem.name, names))
+    if rows is None:
+        return [out, folder]
+    write_text(table, rows)
+    write_text(runner, _RUNNER.read_text().replace("ROBOT", stem.name))
+    return [out, table, runner, folder]
+
+
+def free_lengths_of(schedule: ActuationSchedule, springs: SpringParameters, motors: int) -> FloatArray:
+    """Free lengths of the active springs between centres at instants 0, `INTERVAL`, ... [m], shape
+    (K + 1, A). They follow the mean of both faces."""
+    channels, states = schedule.sampled(INTERVAL)
+    motor_of = {event.channel: event.spring for event in schedule.events}
+    heated = 1 + max(motor_of.values(), default=-1)
+    require_value("number of springs that the schedule heats", heated <= motors, f"at most {motors}", heated)
+    cold = SpringState.cold(len(channels), springs)
+    each = heat(states.astype(float), INTERVAL, [springs] * len(channels), cold).length
+    lengths = np.full((len(states) + 1, motors), springs.cold_length)
+    for motor in range(motors):
+        own = [column for column, channel in enumerate(channels) if motor_of[channel] == motor]
+        if own:
+            lengths[1:, motor] = each[:, own].mean(axis=1)
+    return lengths
+
+
+def _table(model: Multibody, schedule: ActuationSchedule, springs: SpringParameters) -> str:
+    coils = range(len(model.coils))
+    free = free_lengths_of(schedule, springs, len(coils))
+    lengths, stiffness = model.coil_commands(free, (springs.cold_length, springs.hot_length))
+    names = ["t_s", *(f"coil_{i}_length_m" for i in coils), *(f"coil_{i}_n_per_m" for i in coils)]
+    rows = np.hstack([INTERVAL * np.arange(len(free))[:, None], lengths, stiffness]).tolist()
+    return "\n".join([",".join(names), *(",".join(f"{v:.9g}" for v in row) for row in rows)]) + "\n"

@@ -1,0 +1,240 @@
+"""The MOSFET board of this project: pulses are timed by the board, and its firmware keeps limits of its own.
+
+Its protocol, and its wiring: docs/reference/mosfet-board.md. This driver shares no code with the firmware.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from binascii import crc_hqx
+from collections.abc import Mapping
+from contextlib import suppress
+from typing import NamedTuple
+
+from eldir.core.arguments import require_value
+from eldir.errors import InputError
+from eldir_hardware.relay.board import RelayBoard, RunRequirements
+from eldir_hardware.relay.errors import ContactError, GarbledReplyError, SilentBoardError
+from eldir_hardware.relay.registration import Board
+
+_VERSION = "1"
+_MASK_BITS = 16
+_DONE = "K"
+_ANSWER = re.compile(
+    rb"!(([0-9A-F]{4}) ([KOTBVX]) ([0-9A-F]{4}) ([-PWSB]) ([0-9A-F]{4})(.*))\*([0-9A-F]{4})\n"
+)
+_ANSWER_LENGTH = 25  # without further words
+_LIMITS = " 1 08 06200 050 00400 0000"  # what the answers to LIMITS and WHY add, for its length
+_WHY = " 100 00500 100 C"
+_ENTRY_LENGTH = len("01=100/00500")
+_SHORTEST_TIME = 0.001  # as 0 would mean no end [s]
+_LONGEST_TIME = 99.999  # five digits of milliseconds [s]
+_TRIPS = {
+    "P": "it has been without power",
+    "W": "its program hung and the watchdog reset it",
+    "S": "no command came for too long",
+    "B": "a channel used up its heat budget",
+}
+_REASONS = _TRIPS | {"C": "it was commanded", "T": "its time was over"}
+_REFUSED = {
+    "O": "the command is an old one",
+    "T": "everything is off until a new run begins",
+    "B": "a channel has used up its heat budget",
+    "V": "the command has a wrong value or channel",
+    "X": "the board was reset meanwhile",
+}
+
+
+class Answer(NamedTuple):
+    """What every answer tells."""
+
+    code: str
+    closed: int
+    """Mask of the channels that are on, channel 1 in the lowest bit."""
+    tripped: str
+    token: int
+    further: str
+
+
+def parse_answer(data: bytes, sequence: int, further: int = 0) -> Answer:
+    """The answer to the request of that number, from one whole line. Raises `GarbledReplyError`.
+
+    `further`: length of what it adds, unless it is a refusal.
+    """
+    match = _ANSWER.fullmatch(data)
+    if (
+        match is None
+        or crc_hqx(match[1], 0xFFFF) != int(match[8], 16)
+        or int(match[2], 16) != sequence
+        or len(match[7]) != (further if match[3].decode() == _DONE else 0)
+    ):
+        raise GarbledReplyError(
+            "the MOSFET board's answer cannot be read",
+            expected=f"!{sequence:04X}, its state and a valid checksum",
+            found=repr(data[:60]),
+            remedy="check the board's kind in the rig file",
+        )
+    return Answer(
+        match[3].decode(), int(match[4], 16), match[5].decode(), int(match[6], 16), match[7].decode()
+    )
+
+
+class ChannelState(NamedTuple):
+    """What the board says of one channel."""
+
+    power: float
+    """Part of the full power, 0 to 1."""
+    left_s: float
+    """Time until it goes off by itself [s]; 0 where only a lost host ends it."""
+    budget: float
+    """What is left of its heat budget, 0 to 1."""
+    why_off: str
+    """Why it last went off."""
+
+
+class MosfetBoard(RelayBoard):
+    """A frame switches any number of channels, each for a time and at a part of the full power."""
+
+    baud = 115200  # of no importance on USB
+    settling = 0.0
+    contact_time = 0.0
+    answer_length = _ANSWER_LENGTH
+    times_pulses = True
+    retriggerable = True
+    patience = 0.4
+    fails_closed = True
+
+    _sequence = 0
+    _begun = False
+    _tripped = "-"
+
+    def all_off(self) -> None:
+        super().all_off()
+        self._begun = False
+
+    def check_limits(self, terms: RunRequirements) -> None:
+        """Compare the run with the limits in the firmware; the board itself must be the looser one."""
+        version, channels, longest, duty, heartbeat, mask = self._say("LIMITS", len(_LIMITS)).further.split()
+        steady = {i + 1 for i in range(_MASK_BITS) if int(mask, 16) >> i & 1}
+        remedy = "change the rig file, or the board's limits: eldir rig firmware"
+        for what, asked, allowed in (
+            ("protocol's version", version == _VERSION, _VERSION),
+            (
+                "longest pulse",
+                1e3 * terms.longest_on + 100 <= int(longest),
+                f"{int(longest) / 1e3 - 0.1:g} s",
+            ),
+            ("duty", 100 * terms.duty <= int(duty) + 1e-6, f"{int(duty) / 100:g}"),
+            ("number of channels", self.channels <= int(channels), str(int(channels))),
+            ("heartbeat", 1e3 * self.patience <= int(heartbeat), f"{int(heartbeat) / 1e3:g} s"),
+        ):
+            if not asked:
+                raise InputError(
+                    f"the MOSFET board and this run do not fit together: the {what}",
+                    code="board.other-limits",
+                    expected=f"{allowed}, as the board keeps it",
+                    remedy=remedy,
+                )
+        if wrong := terms.heating & steady | terms.steady - steady:
+            raise InputError(
+                "the MOSFET board and this run do not agree on which channels heat springs",
+                code="board.other-channels",
+                expected=f"channels {sorted(steady)} without a heat budget, as in the board's limits",
+                found=f"channels {sorted(wrong)} otherwise in the rig file",
+                remedy=remedy,
+            )
+        self._begin()
+
+    def hold(self, powers: Mapping[int, float], seconds: float) -> None:
+        """Keep channels closed for so long at a part of the full power each, 0 to 1, in steps of 0.01.
+
+        The board modulates with a period of 0.1 s. Repeat it in time to go on, as with any pulse.
+        """
+        for channel, power in powers.items():
+            require_value("relay channel", 1 <= channel <= self.channels, f"1 to {self.channels}", channel)
+            require_value("power", 0 <= power <= 1, "0 to 1", power)
+        seconds = max(seconds, _SHORTEST_TIME)
+        self._set({c: (round(100 * p), seconds) for c, p in powers.items()})
+        self._wanted |= {c: round(100 * p) > 0 for c, p in powers.items()}
+
+    def channel_state(self, channel: int) -> ChannelState:
+        """Power, remaining time and heat budget of a channel, and why it last went off."""
+        power, left, budget, why = self._say(f"WHY {channel:02d}", len(_WHY)).further.split()
+        return ChannelState(
+            int(power) / 100, int(left) / 1e3, int(budget) / 100, _REASONS.get(why, "unknown")
+        )
+
+    def verify(self, attempts: int = 2) -> tuple[bool, ...]:
+        try:
+            return super().verify(attempts)
+        except ContactError as error:
+            if self._tripped == "-":
+                raise
+            raise ContactError(
+                f"{error.args[0].split(';')[0]}, as the board opened everything by itself: "
+                f"{_TRIPS[self._tripped]}",
+                remedy="find out why before you heat again",
+            ) from None
+
+    def _command(self, channel: int, closed: bool) -> None:
+        self._command_timed({channel: closed}, {})
+
+    def _command_timed(self, changes: Mapping[int, bool], pulses: Mapping[int, float]) -> None:
+        steady = {c: (100 if closed else 0, 0.0) for c, closed in changes.items()}
+        self._set(steady | {c: (100, max(seconds, _SHORTEST_TIME)) for c, seconds in pulses.items()})
+
+    def _command_all_off(self) -> None:
+        # One frame. Its answer is read so that it is not taken for the report's; it may be lost or damaged.
+        with suppress(SilentBoardError, GarbledReplyError):
+            self._say("OFF")
+
+    def _frames(self, changes: Mapping[int, bool]) -> list[tuple[int, int]]:
+        entries = len(changes) * (_ENTRY_LENGTH + 1) - 1
+        return [(len(":0000 SET ") + entries + len("*0000\n"), _ANSWER_LENGTH)]
+
+    def _set(self, entries: Mapping[int, tuple[int, float]]) -> None:
+        if not self._begun:
+            self._begin()
+        words = (
+            f"{channel:02d}={power:03d}/{math.ceil(1e3 * min(seconds, _LONGEST_TIME) - 1e-6):05d}"
+            for channel, (power, seconds) in entries.items()
+        )
+        self._say("SET " + ",".join(words))
+
+    def _begin(self) -> None:
+        """Acknowledge why everything was off, with the token that the board tells now."""
+        self._say(f"BEGIN {self._say('ASK').token:04X}")
+        self._begun = True
+
+    def _report(self) -> tuple[bool, ...]:
+        mask = self._say("ASK").closed
+        return tuple(bool(mask >> i & 1) for i in range(_MASK_BITS))
+
+    def _report_time(self) -> float:
+        return self._line.wire_time(len(":0000 ASK*0000\n") + _ANSWER_LENGTH)
+
+    def _say(self, words: str, further: int = 0) -> Answer:
+        """Send a request. `further`: length of what its answer adds. Raises `ContactError` where it is
+        refused."""
+        self._sequence = self._sequence % 0xFFFF + 1
+        body = f"{self._sequence:04X} {words}".encode()
+        request = b":" + body + b"*%04X\n" % crc_hqx(body, 0xFFFF)
+        data = self._line.ask_until(request, b"\n", _ANSWER_LENGTH + further, self._is_late)
+        answer = parse_answer(data, self._sequence, further)
+        self._tripped = answer.tripped
+        if answer.code != _DONE:
+            reason = f", as {_TRIPS[answer.tripped]}" if answer.tripped in _TRIPS else ""
+            raise ContactError(
+                f"the MOSFET board refuses {words.split(maxsplit=1)[0]}: {_REFUSED[answer.code]}{reason}",
+                remedy="find out why before you heat again",
+            )
+        return answer
+
+    def _is_late(self, data: bytes) -> bool:
+        """Whether this is an answer to another request, such as the one of a program that had the port."""
+        match = _ANSWER.fullmatch(data)
+        return match is not None and int(match[2], 16) != self._sequence
+
+
+BOARD = Board(MosfetBoard, "eldir_hardware.emulator.mosfet:EmulatedMosfet")

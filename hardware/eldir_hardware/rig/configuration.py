@@ -1,0 +1,288 @@
+"""The rig file: board, springs and their limits. YAML "eldir-rig/1"."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Field,
+    PrivateAttr,
+    SecretStr,
+    field_serializer,
+    model_validator,
+)
+
+from eldir.core.arguments import require_value
+from eldir.core.files import read_file
+from eldir.core.validation import Section, validated
+from eldir.errors import InputError
+from eldir.parameters.springs import SpringParameters
+from eldir.parameters.still_air import wire_coefficient
+from eldir.parameters.wiring import Connection
+from eldir_hardware.markers.registration import DEFAULT, require_kind
+from eldir_hardware.rig.addresses import checked, hidden, hide_addresses, hide_password
+from eldir_hardware.rig.renamed import require_present_names, with_present_names
+from eldir_hardware.rig.sections import (
+    BoardEntry,
+    ContactorEntry,
+    CutoffEntry,
+    FanEntry,
+    LimitEntry,
+    LiveCameraEntry,
+    SensorEntry,
+    SpringEntry,
+    SupplyEntry,
+    TimerEntry,
+    ToleranceEntry,
+    VirtualCameraEntry,
+    VirtualEntry,
+)
+from eldir_hardware.sensor.chips import CHIPS
+
+FORMAT = "eldir-rig/1"
+_NO_LIMIT = 1e6  # [A]; the wire's resistance limits the current then
+_HEADROOM = 1.25  # a current beyond the limit must still be measured, not only seen as too large
+_LEAST_PART = 0.1  # of the supply's limit, which must be told from no current
+
+
+def _installed_marker(kind: str) -> str:
+    try:
+        return require_kind(kind)
+    except InputError as error:
+        raise ValueError(str(error)) from None
+
+
+class Rig(Section):
+    """A rig file."""
+
+    format: Literal["eldir-rig/1"]
+    """Format of this file."""
+    name: str
+    """Name of the rig, which logs and schedules repeat."""
+    kind: Literal["real", "virtual"]
+    """Whether the rig is physical or simulated."""
+    board: BoardEntry
+    """The relay board."""
+    channels: Annotated[tuple[Connection, ...], Field(min_length=1)]
+    """Each relay channel that heats a spring. A new rig file has the wiring of a packet: 1 is motor 0 front,
+    2 motor 0 back, 3 motor 1 front, 4 motor 1 back. Another wiring is allowed; `eldir rig doctor --wiring`
+    shows which spring grows warm."""
+    supply: SupplyEntry
+    """The heating supply."""
+    springs: SpringEntry = SpringEntry()
+    """The shape-memory springs."""
+    tolerances: ToleranceEntry = ToleranceEntry()
+    """How far the bench may be from the values in this file, after measuring. Limits are checked where all of
+    these and `springs.resistance_tolerance` together give the hottest spring."""
+    fan: FanEntry | None = None
+    """The fan that cools the springs; null: there is none."""
+    cutoff: CutoffEntry | None = None
+    """The independent cut-off that opens when a contact welds; null: there is none. It is needed unless a
+    spring that is held on for ever stays below `limits.max_temperature_c`."""
+    sensor: SensorEntry | None = None
+    """The current sensor; null: there is none."""
+    limits: LimitEntry = LimitEntry()
+    """Limits that no schedule may exceed."""
+    camera: Annotated[VirtualCameraEntry | LiveCameraEntry, Field(discriminator="kind")] | None = None
+    """The camera that films the robot, virtual or live as the rig is; null: there is none. Each log keeps a
+    copy of its calibration files."""
+    marker: Annotated[
+        str, AfterValidator(_installed_marker), Field(examples=["apriltag", "aruco", "discs"])
+    ] = DEFAULT
+    """Kind of the markers on m1 to m5, an entry point of the group `eldir.markers`: coloured discs, ArUco
+    squares or AprilTags; print them with `eldir markers`. `eldir track`, the report, the live page, the ROS
+    node and the virtual camera use it."""
+    virtual: VirtualEntry = VirtualEntry()
+    """The simulated robot and its clock."""
+    notify: Annotated[tuple[SecretStr, ...], BeforeValidator(checked)] = ()
+    """Addresses, as apprise writes them, to which a word is sent when a run ends or its camera is lost; at
+    most eight."""
+    _source: bytes = PrivateAttr(b"")
+
+    @field_serializer("notify", when_used="json")
+    def _hide(self, addresses: tuple[SecretStr, ...]) -> list[str]:
+        return [hidden(address.get_secret_value()) for address in addresses]
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Rig:
+        numbers = [c.channel for c in self.channels]
+        if len(set(numbers)) != len(numbers):
+            raise ValueError("a relay channel is used twice")
+        numbers += [c for c in (self.fan_channel, self.master_channel) if c is not None]
+        if len(set(numbers)) != len(numbers):
+            raise ValueError("the channel of the fan or the contactor heats a spring too")
+        if max(numbers) > self.board.channels:
+            raise ValueError(f"channel {max(numbers)} is beyond the board's {self.board.channels}")
+        places = [(c.spring, c.face) for c in self.channels]
+        if len(set(places)) != len(places):
+            raise ValueError("two channels heat the same spring of the same face")
+        low, high = self.tolerances.ambient_min_c, self.tolerances.ambient_max_c
+        if not low <= self.springs.ambient_c <= high:
+            raise ValueError(
+                f"springs.ambient_c {self.springs.ambient_c:g} lies outside tolerances, {low:g} to {high:g} C"
+            )
+        if self.kind == "real" and self.board.port is None:
+            raise ValueError("a real board needs its port")
+        if self.camera is not None and (self.kind == "real") != (self.camera.kind == "live"):
+            raise ValueError(f"a {self.camera.kind} camera does not see a {self.kind} rig")
+        if self.sensor is not None:
+            self._require_consistent_sensor(self.sensor)
+        return self
+
+    def _require_consistent_sensor(self, sensor: SensorEntry) -> None:
+        heating, measured = [c.channel for c in self.channels], self.measured_channels
+        if len(set(measured)) != len(measured) or not set(measured) <= set(heating):
+            raise ValueError("sensor.channels: each must be one of the channels that heat springs, once")
+        if self.kind == "real" and sensor.port in (None, self.board.port):
+            raise ValueError("a real current sensor needs a port of its own: sensor.port")
+        if problem := _sensor_problem(sensor, self.supply, self.springs):
+            raise ValueError(problem)
+
+    @property
+    def fan_channel(self) -> int | None:
+        """The relay channel that runs the fan."""
+        return self.fan.channel if self.fan else None
+
+    @property
+    def master_channel(self) -> int | None:
+        """The relay channel of the contactor in series with all others."""
+        return self.cutoff.channel if isinstance(self.cutoff, ContactorEntry) else None
+
+    @property
+    def measured_channels(self) -> tuple[int, ...]:
+        """Relay channels whose current is measured, in the order of the sensor's inputs."""
+        if self.sensor is None:
+            return ()
+        return self.sensor.channels or tuple(c.channel for c in self.channels)
+
+    @property
+    def cutoff_s(self) -> float | None:
+        """After how long a timer relay opens a channel [s]."""
+        return self.cutoff.max_on_s if isinstance(self.cutoff, TimerEntry) else None
+
+    @property
+    def motors(self) -> int:
+        """Number of active springs that the channels can heat."""
+        return 1 + max(c.spring for c in self.channels)
+
+    def require_port(self) -> str:
+        """The port of the relay board. Raises `InputError` where the file names none."""
+        if not self.board.port:
+            raise InputError("the rig file names no port", code="rig.no-port", remedy="set board.port")
+        return self.board.port
+
+    def require_motors(self, motors: int) -> None:
+        """Raise `InputError` for a design with more motors than the channels can heat."""
+        remedy = "evolve with --max-motors, or add channels to the rig file"
+        require_value(
+            "number of motors", motors <= self.motors, f"at most {self.motors} on this rig", motors, remedy
+        )
+
+    def channel_of(self, spring: int, face: str) -> int | None:
+        """The relay channel that heats a spring on a face."""
+        for entry in self.channels:
+            if (entry.spring, entry.face) == (spring, face):
+                return entry.channel
+        return None
+
+    def spring_parameters(self, *, fan: bool | None = None) -> SpringParameters:
+        """The nominal springs on this supply. A missing resistance is computed from the wire.
+
+        `fan` says whether it blows; as the rig is equipped where not given.
+        """
+        s = self.springs
+        parameters = SpringParameters(
+            wire_diameter=1e-3 * s.wire_diameter_mm,
+            coil_diameter=1e-3 * s.coil_diameter_mm,
+            turns=s.turns,
+            supply_voltage=self.supply.voltage_v,
+            current_limit=self.supply.current_limit_a or _NO_LIMIT,
+            lead_resistance=self.supply.lead_resistance_ohm,
+            convection_fan=s.convection_fan,
+            convection_still=s.convection_still
+            or wire_coefficient(1e-3 * s.wire_diameter_mm, s.austenite_finish_c, s.ambient_c),
+            fan=self.fan is not None if fan is None else fan,
+            ambient=s.ambient_c,
+            cold_length=1e-3 * s.cold_length_mm,
+            hot_length=1e-3 * s.hot_length_mm,
+            heat_capacity=s.heat_capacity,
+            latent_heat=s.latent_heat,
+            austenite_start=s.austenite_start_c,
+            austenite_finish=s.austenite_finish_c,
+            martensite_start=s.martensite_start_c,
+            martensite_finish=s.martensite_finish_c,
+        )
+        return parameters if s.resistance_ohm is None else parameters.with_resistance(s.resistance_ohm)
+
+    @property
+    def source(self) -> bytes:
+        """The entries of the rig file that was loaded, written anew for logs: no comment, which may hold
+        anything, no address of `notify` and no password of a camera. Loaded again it is the same rig, with
+        the same `digest`."""
+        return self._source or self._written()
+
+    def _written(self) -> bytes:
+        from eldir.core.yaml_files import dump_yaml
+
+        values = self.model_dump(mode="json", exclude_unset=True)
+        if isinstance(self.camera, LiveCameraEntry):
+            values["camera"]["device"] = hide_password(self.camera.device)
+        return dump_yaml(values, default_flow_style=None).encode()
+
+    @classmethod
+    def upgrade(cls, values: dict[str, Any]) -> dict[str, Any]:
+        """The entries of a log of 0.1.0 by their present names."""
+        return with_present_names(values)
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of `source`, hexadecimal."""
+        return hashlib.sha256(self.source).hexdigest()
+
+    @classmethod
+    def load(cls, path: Path | str) -> Rig:
+        """Read a rig file, once. Raises `InputError` that names the wrong entry."""
+        from eldir.core.yaml_files import LARGEST, parse_yaml  # the guardian starts without
+
+        path = Path(path)
+        data = read_file(path, LARGEST, f"write one: eldir rig new --board virtual --out {path}")
+        try:
+            values = parse_yaml(data, str(path))
+            found = values.get("format") if isinstance(values, dict) else None
+            if found != FORMAT:
+                raise InputError(
+                    f"{path} is not a rig file",
+                    code="file.other-format",
+                    expected=f"format: {FORMAT}",
+                    found=repr(found),
+                )
+            require_present_names(values, str(path))
+            rig = validated(cls, values, str(path), remedy="see docs/reference/rig.md")
+        except InputError as error:  # it may quote what stands in the wrong place
+            raise InputError(hide_addresses(str(error)), code=error.code, key=error.key) from None
+        rig._source = rig._written()
+        return rig
+
+
+def _sensor_problem(sensor: SensorEntry, supply: SupplyEntry, springs: SpringEntry) -> str | None:
+    """Why the sensor's chips and shunts do not fit the rig's currents and voltages; None where they do."""
+    chip, limit = CHIPS[sensor.kind], supply.current_limit_a
+    if supply.voltage_v > chip.most_volts:
+        return (
+            f"sensor: {sensor.kind} inputs stand {chip.most_volts:g} V, the supply has {supply.voltage_v:g} V"
+        )
+    if springs.resistance_tolerance > sensor.resistance_tolerance:
+        return "sensor.resistance_tolerance is smaller than springs.resistance_tolerance"
+    if limit is None:
+        return None  # such a rig does not arm
+    if chip.full_scale(sensor.shunt_ohm) < _HEADROOM * limit:
+        largest = chip.full_scale(1.0) / (_HEADROOM * limit)
+        return f"sensor.shunt_ohm is too large for {limit:g} A: expected at most {largest:.3g} Ohm"
+    smallest = chip.smallest_shunt(_LEAST_PART * limit)
+    if sensor.shunt_ohm < smallest:
+        return f"sensor.shunt_ohm is too small for {limit:g} A: expected at least {smallest:.3g} Ohm"
+    return None

@@ -1,0 +1,331 @@
+"""The sections of a rig file: board, channels, supply, springs, fan, cut-off, limits, camera."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import AfterValidator, Field, field_validator, model_validator
+
+from eldir.core.validation import Section
+from eldir.errors import InputError
+from eldir_hardware.relay.registration import board_of
+from eldir_hardware.rig.board_hints import port_problem
+from eldir_hardware.rig.camera_name import is_camera
+from eldir_hardware.sensor.chips import CHIPS
+
+_LEAST_RESISTIVITY, _GREATEST_RESISTIVITY = 0.4e-6, 1.3e-6  # of Nitinol [Ohm m]
+# Published: 0.44e-6 (table II of PMC5687518), 0.8e-6 to 1.0e-6 (Dynalloy's sheet F1140).
+THERMAL = ("heat_capacity", "latent_heat", "convection_fan", "convection_still")
+"""Entries of `springs` that decide how hot a given heat makes a spring."""
+Transition = Annotated[float, Field(ge=5, le=120)]
+
+
+def _local(port: str) -> str:
+    """The lock of a port, and the frames that `eldir rig off` sends, reach ports of this computer only."""
+    if problem := port_problem(port):
+        raise ValueError(
+            f"{problem}: expected a serial port of this computer, such as /dev/serial/by-path/..."
+        )
+    return port
+
+
+LocalPort = Annotated[str, AfterValidator(_local)]
+
+
+def calibration_of(values: Mapping[str, float | None]) -> str:
+    """The entry `springs.calibration` for measured thermal constants: their digest and names."""
+    measured = {n: float(v) for n in THERMAL if (v := values.get(n)) is not None}
+    digest = hashlib.sha256(json.dumps(measured, sort_keys=True).encode()).hexdigest()[:16]
+    return " ".join([digest, *measured])
+
+
+class BoardEntry(Section):
+    """The relay board."""
+
+    kind: Annotated[
+        str, Field(examples=["feedback", "gd32", "lcus", "modbus", "mosfet", "numato", "sainsmart"])
+    ]
+    """An installed kind, such as lcus: an entry point of the group `eldir.boards`. It is never guessed: the
+    same byte switches one board on and another one off."""
+    port: LocalPort | None = None
+    """Serial port, such as /dev/serial/by-path/...; null on a virtual rig, which has its own."""
+    channels: Annotated[int, Field(ge=1)]
+    """Number of relay channels of the board."""
+    contact_rating_a: Annotated[float, Field(ge=0.1, le=100)]
+    """Current that one contact may carry [A]; a rig whose springs may draw more does not arm."""
+    retriggerable: bool | None = None
+    """For a board that times its pulses: whether a second pulse restarts the timer, or is ignored. Measure it
+    with `eldir rig doctor --pulses` and the heat disconnected; without it such a board does not arm."""
+
+    @field_validator("kind")
+    @classmethod
+    def _installed(cls, kind: str) -> str:
+        try:
+            board_of(kind)
+        except InputError as error:
+            raise ValueError(str(error)) from None
+        return kind
+
+    @model_validator(mode="after")
+    def _large_enough(self) -> BoardEntry:
+        most = board_of(self.kind).most_channels
+        if self.channels > most:
+            raise ValueError(f"a board of kind {self.kind} has at most {most} channels")
+        return self
+
+
+class SupplyEntry(Section):
+    """The heating supply."""
+
+    voltage_v: Annotated[float, Field(ge=1, le=60)]
+    """Voltage of the heating supply [V]."""
+    current_limit_a: Annotated[float, Field(ge=0.05, le=50)] | None = None
+    """Current limit of each output [A]; without it the rig does not arm. With the fan and a timer of 6.3 s,
+    springs of 0.75 mm wire allow 3.45 A."""
+    outputs: Literal["each", "shared"] = "each"
+    """each: a limited output for every channel; shared: one, whose limit the heated springs share."""
+    max_total_current_a: Annotated[float, Field(ge=0.05, le=500)]
+    """Largest current of all outputs together [A]."""
+    lead_resistance_ohm: Annotated[float, Field(ge=0, le=5)] = 0.05
+    """Resistance of the leads between the supply and one spring, both ways [Ohm]."""
+
+
+class SpringEntry(Section):
+    """The shape-memory springs, as measured at room temperature."""
+
+    resistance_ohm: Annotated[float, Field(gt=0)] | None = None
+    """Measured resistance of one spring at room temperature [Ohm]; it must fit the wire (0.4 to 1.3 uOhm m),
+    and without it the rig does not arm."""
+    resistance_tolerance: Annotated[float, Field(ge=0.01, le=0.5)] = 0.05
+    """Part of its resistance by which a spring may deviate; the limits are checked for the worst spring."""
+    ambient_c: Annotated[float, Field(gt=-20, lt=45)] = 22.0
+    """Expected air temperature [C]; its range is in `tolerances`."""
+    wire_diameter_mm: Annotated[float, Field(ge=0.1, le=3)] = 0.75
+    """Diameter of the wire [mm]."""
+    coil_diameter_mm: Annotated[float, Field(ge=1, le=50)] = 6.5
+    """Mean diameter of the coil [mm]; 3 to 20 times the diameter of the wire."""
+    turns: Annotated[float, Field(ge=2, le=300)] = 26.7
+    """Number of active turns of the coil."""
+    cold_length_mm: Annotated[float, Field(ge=3, le=500)] = 35.0
+    """Free length of the cold motor, from mass to mass [mm]."""
+    hot_length_mm: Annotated[float, Field(ge=3, le=500)] = 75.0
+    """Free length of the hot motor, from mass to mass [mm]."""
+    convection_fan: Annotated[float, Field(ge=10, le=600)] = 150.0
+    """Heat transfer coefficient with the fan [W/(m2 K)]."""
+    convection_still: Annotated[float, Field(ge=2, le=100)] | None = None
+    """Measured heat transfer coefficient in still air [W/(m2 K)]. Without it predictions use the correlation
+    for a straight wire, and limits the least that a coil can lose (`eldir.parameters.still_air`)."""
+    heat_capacity: Annotated[float, Field(ge=300, le=1000)] = 466.0
+    """Specific heat capacity [J/(kg K)]."""
+    latent_heat: Annotated[float, Field(ge=0, le=40_000)] = 12_200.0
+    """Latent heat of the transformation [J/kg]."""
+    austenite_start_c: Transition = 45.0
+    """Temperature at which austenite begins to form in heating [C]."""
+    austenite_finish_c: Transition = 60.0
+    """Temperature at which all is austenite in heating [C]."""
+    martensite_start_c: Transition = 45.0
+    """Temperature at which martensite begins to form in cooling [C]."""
+    martensite_finish_c: Transition = 30.0
+    """Temperature at which all is martensite in cooling [C]."""
+    calibration: str | None = None
+    """Names of the thermal constants that `eldir calibrate springs` measured, after a digest of their values,
+    which it writes. Limits take the others, and all of them after an edit, no better than the defaults."""
+
+    @property
+    def calibrated(self) -> frozenset[str]:
+        """Thermal constants whose values here are those that a calibration wrote."""
+        named = (self.calibration or "").split()[1:]
+        values = {name: getattr(self, name) for name in THERMAL if name in named}
+        return frozenset(values if self.calibration == calibration_of(values) else ())
+
+    @model_validator(mode="after")
+    def _plausible(self) -> SpringEntry:
+        for low, high in (
+            ("austenite_start_c", "austenite_finish_c"),
+            ("martensite_finish_c", "martensite_start_c"),
+            ("martensite_finish_c", "austenite_finish_c"),
+            ("cold_length_mm", "hot_length_mm"),
+        ):
+            if getattr(self, low) >= getattr(self, high):
+                raise ValueError(f"{low} must be less than {high}")
+        index = self.coil_diameter_mm / self.wire_diameter_mm
+        if not 3 <= index <= 20:
+            raise ValueError(
+                f"no spring is wound like this: coil_diameter_mm is {index:.3g} times wire_diameter_mm, "
+                "expected 3 to 20"
+            )
+        if self.resistance_ohm is not None:
+            section = np.pi / 4 * (1e-3 * self.wire_diameter_mm) ** 2
+            length = np.pi * 1e-3 * self.coil_diameter_mm * self.turns
+            least, most = (r * length / section for r in (_LEAST_RESISTIVITY, _GREATEST_RESISTIVITY))
+            if not least <= self.resistance_ohm <= most:
+                raise ValueError(
+                    f"resistance_ohm {self.resistance_ohm:g} does not fit {length:.3g} m of wire of "
+                    f"{self.wire_diameter_mm:g} mm: Nitinol gives {least:.3g} to {most:.3g} Ohm"
+                )
+        return self
+
+
+class ToleranceEntry(Section):
+    """How far the bench may be from the values in this file, after measuring."""
+
+    current: Annotated[float, Field(ge=0.01, le=0.5)] = 0.05
+    """Part by which the current through a spring may differ."""
+    ambient_min_c: Annotated[float, Field(ge=-20, le=45)] = 18.0
+    """Lowest temperature of the air [C]."""
+    ambient_max_c: Annotated[float, Field(ge=-20, le=60)] = 30.0
+    """Highest temperature of the air [C]."""
+    convection_tolerance: Annotated[float, Field(ge=0.02, le=0.9)] = 0.1
+    """Part by which a measured heat transfer coefficient may differ; 0.1 is a fifth of the air's speed."""
+
+
+class FanEntry(Section):
+    """The fan that cools the springs."""
+
+    interlocked: bool
+    """Whether the heating supply is cut by hardware when the fan stands still; if not, limits count on still
+    air."""
+    channel: Annotated[int, Field(ge=1)] | None = None
+    """Relay channel that runs the fan, if any; nothing is heated while its contact is open."""
+
+
+class TimerEntry(Section):
+    """A timer relay in series with each channel, not driven by this computer."""
+
+    kind: Literal["timer"]
+    """A timer relay."""
+    max_on_s: Annotated[float, Field(ge=0.1, le=600)]
+    """Longest time after which it opens a closed channel, its tolerance included [s]; it then stays open
+    until the contact opens."""
+
+
+class ThermalEntry(Section):
+    """A thermal switch on each spring, in series with it."""
+
+    kind: Literal["thermal"]
+    """A thermal switch."""
+    opens_at_c: Annotated[float, Field(ge=30, le=150)]
+    """Highest temperature at which it opens, its tolerance included [C]."""
+
+
+class ContactorEntry(Section):
+    """A contactor in series with the whole heating supply: closed only while some spring heats. The board
+    must time and restart its pulses, and not be a `mosfet`, which fails closed."""
+
+    kind: Literal["contactor"]
+    """A contactor."""
+    channel: Annotated[int, Field(ge=1)]
+    """Relay channel that drives the contactor."""
+
+
+CutoffEntry = Annotated[TimerEntry | ThermalEntry | ContactorEntry, Field(discriminator="kind")]
+
+
+class SensorEntry(Section):
+    """Chips that measure the current through each spring and the voltage across it."""
+
+    kind: Annotated[str, Field(examples=sorted(CHIPS))]
+    """Kind of the measuring chips: ina226 (one input each, up to 16 chips) or ina3221 (three inputs each, up
+    to 4 chips)."""
+    port: LocalPort | None = None
+    """Serial port of their microcontroller, such as /dev/serial/by-path/..., not that of the relay board; a
+    virtual rig has its own."""
+    channels: Annotated[tuple[int, ...], Field(min_length=1)] | None = None
+    """Relay channel that each input measures, in the order of the inputs; default: all that heat springs, in
+    the rig file's order."""
+    shunt_ohm: Annotated[float, Field(ge=1e-4, le=1)] = 0.01
+    """Resistance of each shunt [Ohm]."""
+    shunt_tolerance: Annotated[float, Field(ge=0, le=0.05)] = 0.01
+    """Part of its resistance by which a shunt may deviate."""
+    lead_ohm: Annotated[float, Field(ge=0, le=1)] = 0.0
+    """Resistance of the leads, both ways, between the point where the voltage is measured and the spring
+    [Ohm]."""
+    resistance_tolerance: Annotated[float, Field(gt=0, le=0.5)] = 0.2
+    """A measured resistance may deviate from `springs.resistance_ohm` by this part: tolerance of the springs,
+    their phase and temperature, their clamps. Beyond it the rig stops."""
+
+    @field_validator("kind")
+    @classmethod
+    def _known(cls, kind: str) -> str:
+        if kind not in CHIPS:
+            raise ValueError(f"unknown chips {kind!r}: expected one of {', '.join(sorted(CHIPS))}")
+        return kind
+
+
+class LimitEntry(Section):
+    """Limits that no schedule may exceed."""
+
+    max_temperature_c: Annotated[float, Field(gt=60, le=90)] = 90.0
+    """Highest temperature that a spring may reach in the worst corner of the tolerances [C]."""
+    max_on_s: Annotated[float, Field(ge=0.05, le=600)] = 6.0
+    """Longest time for which a channel may be closed [s]."""
+    min_off_s: Annotated[float, Field(ge=0.05, le=600)] = 8.0
+    """Shortest time for which a channel stays open between two pulses [s]."""
+    duty: Annotated[float, Field(gt=0, le=1)] = 0.5
+    """Largest part of any minute for which a channel may be closed."""
+
+
+class AnyCameraEntry(Section):
+    """Size and calibration files of a camera, relative to the rig file; each log keeps a copy of them."""
+
+    width: Annotated[int, Field(ge=64, le=4096)] = 640
+    """Width of the picture [px]."""
+    height: Annotated[int, Field(ge=48, le=4096)] = 480
+    """Height of the picture [px]."""
+    lens: str | None = None
+    """Lens file, from `eldir calibrate camera`, relative to the rig file."""
+    plane: str | None = None
+    """Plane file, from `eldir calibrate plane`, relative to the rig file."""
+
+
+class VirtualCameraEntry(AnyCameraEntry):
+    """The camera of a virtual rig."""
+
+    kind: Literal["virtual"]
+    """A camera that the program draws."""
+    rate_hz: Annotated[float, Field(gt=0, le=120)] = 10.0
+    """Frames per second [Hz]."""
+
+
+class LiveCameraEntry(AnyCameraEntry):
+    """The camera that films a real robot while it is driven."""
+
+    kind: Literal["live"]
+    """A real camera."""
+    device: str
+    """Camera: camera:0, /dev/video0, or a stream, http://phone:8080/video."""
+    rate_hz: Annotated[float, Field(gt=0, le=240)] = 30.0
+    """Frame rate to request from a device [Hz]; a stream sets its own."""
+    tags: str | None = None
+    """File with the places of the fixed tags (eldir-tags/1); needed where there is no plane file."""
+
+    @model_validator(mode="after")
+    def _requires_place(self) -> LiveCameraEntry:
+        if not is_camera(self.device):
+            raise ValueError(
+                f"a camera is camera:0, /dev/video0, http://... or rtsp://..., not {self.device}"
+            )
+        if self.plane is None and self.tags is None:
+            raise ValueError("a live camera needs a plane file or a tag file")
+        return self
+
+
+class VirtualEntry(Section):
+    """How the virtual rig deviates from the nominal robot, and how its time runs."""
+
+    seed: Annotated[int, Field(ge=0)] = 1
+    """Random seed of the deviations of springs, body and camera."""
+    parameter_spread: Literal["small", "large"] = "small"
+    """How far the robot's parameters are from nominal. small: a few per cent; large: 10 to 50 %, to test
+    `eldir calibrate dynamics`."""
+    physics: Literal["eldir", "mujoco"] = "eldir"
+    """The program that moves the robot: eldir's built scene, or MuJoCo, which models hubs, sockets and
+    contact between parts (`pip install 'eldir[mujoco]'`)."""
+    clock: Literal["virtual", "wall"] = "virtual"
+    """virtual: as fast as possible; wall: in real time."""
+    design: str | None = None
+    """Design file of the robot on it, relative to the rig file."""

@@ -1,0 +1,190 @@
+"""The virtual rig: the parts of a real one, emulated, from a rig file of kind `virtual`.
+
+The real driver talks bytes over a pseudo-terminal to an emulated board; the board's contacts heat
+springs; the springs' lengths move a body. Its parameters deviate from the nominal ones by the seed.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Callable
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from eldir.core.records import FloatArray, IntArray
+from eldir.errors import InputError
+from eldir.parameters.springs import SpringParameters
+from eldir_hardware.clock import VirtualClock, WallClock
+from eldir_hardware.emulator.board import EmulatedBoard
+from eldir_hardware.emulator.current_sensor import EmulatedCurrentSensor
+from eldir_hardware.relay.board import RelayBoard
+from eldir_hardware.rig.boards import driver_of, emulator_of
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.rig.sensors import sensor_of
+from eldir_hardware.sensor.driver import CurrentSensor
+from eldir_hardware.virtual.springs import STEP, ThermalSprings
+
+
+class BodyFrame(NamedTuple):
+    """The true positions of the body."""
+
+    time_s: float
+    """Time since the schedule's start [s]."""
+    positions: FloatArray
+    """All masses [m], shape (M, 2)."""
+    springs: IntArray
+    """Mass indices of every spring, shape (S, 2)."""
+
+
+class DrivenBody(Protocol):
+    """A body that the active springs move."""
+
+    springs: IntArray
+    """Mass indices of every spring, shape (S, 2)."""
+    positions: FloatArray
+    """Current positions of the masses [m], shape (M, 2)."""
+    remark: str
+    """What a real robot could not have done, such as parts that pass through each other; empty if nothing."""
+
+    def move(self, lengths: FloatArray, interval: float) -> None:
+        """Follow free lengths of the active springs given every `interval` [s], shape (steps, motors)."""
+
+
+class VirtualRig:
+    """Powered between `open` and `close`, or in a `with`.
+
+    On a virtual clock `board` is the real driver on the emulated board's port, and `sensor` on the emulated
+    sensor's; on the wall's a guardian process opens these ports.
+    """
+
+    def __init__(self, rig: Rig, body: DrivenBody, springs: SpringParameters | None = None):
+        """`springs`: mean of the rig's springs, which deviate by the seed; default: the nominal ones."""
+        if rig.kind != "virtual":
+            raise InputError(
+                "this is not a virtual rig", code="rig.real", expected="kind: virtual", found=rig.kind
+            )
+        self.clock = VirtualClock() if rig.virtual.clock == "virtual" else WallClock()
+        self.emulator: EmulatedBoard
+        self.board: RelayBoard
+        self.emulated_sensor: EmulatedCurrentSensor | None = None
+        """None where the rig file names no current sensor."""
+        self.sensor: CurrentSensor | None = None
+        self.start = 0.0
+        """The schedule's start on the clock [s]; frames count from it."""
+        self._rig = rig
+        self._body = body
+        self._moving = threading.Lock()
+        self._closed = threading.Event()
+        self._failure: Exception | None = None
+        self._watchers: list[threading.Thread] = []
+        nominal = springs or rig.spring_parameters()
+        deviations = np.random.default_rng([rig.virtual.seed, 3])
+        self.springs = ThermalSprings(
+            [c.channel for c in rig.channels],
+            [nominal.perturbed(deviations) for _ in rig.channels],
+            self.clock.now(),
+            rig.cutoff_s,
+        )
+        # The body lies in one plane: its springs follow the mean of both faces.
+        self._faces = np.array([[c.spring == motor for c in rig.channels] for motor in range(rig.motors)])
+
+    def open(self) -> None:
+        """Power the emulated board on; on a virtual clock, connect its driver."""
+        kind, channels = self._rig.board.kind, self._rig.board.channels
+        self.emulator = emulator_of(kind)(channels, self.clock, self.springs.on_edge)
+        self.emulator.start()
+        self._open_sensor()
+        if isinstance(self.clock, VirtualClock):
+            self.board = driver_of(kind)(self.emulator.port, channels, self.clock)
+            # Bytes arrive in no virtual time: the board acts on them before time moves on.
+            self.clock.before_moving(lambda: self.emulator.wait_for_bytes(self.board.bytes_written))
+
+    @property
+    def sensor_port(self) -> str | None:
+        """Port of the emulated current sensor, if the rig has one."""
+        return None if self.emulated_sensor is None else self.emulated_sensor.port
+
+    def _open_sensor(self) -> None:
+        entry, clock = self._rig.sensor, self.clock
+        if entry is None:
+            return
+        self.emulated_sensor = emulated = EmulatedCurrentSensor(
+            entry.kind,
+            self._rig.measured_channels,
+            self.springs.electric,
+            clock,
+            shunt=entry.shunt_ohm,
+            shunt_tolerance=entry.shunt_tolerance,
+            lead=entry.lead_ohm,
+            seed=self._rig.virtual.seed,
+        )
+        emulated.start()
+        if isinstance(clock, VirtualClock):
+            self.sensor = sensor_of(self._rig, emulated.port, clock)
+
+    def close(self) -> None:
+        """Power off. Raises the error of a `watch` that failed."""
+        self.stop_watching()
+        if self.sensor is not None:
+            self.sensor.close()
+        if self.emulated_sensor is not None:
+            self.emulated_sensor.close()
+        if isinstance(self.clock, VirtualClock):
+            self.board.close()
+        self.emulator.close()
+
+    def __enter__(self) -> VirtualRig:
+        self.open()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def frame(self, t: float) -> BodyFrame:
+        """Advance springs and body to `t` on the clock, and return the body's positions."""
+        with self._moving:
+            lengths = self.springs.advance(t)
+            if len(lengths):
+                self._body.move(lengths @ self._faces.T / self._faces.sum(axis=1), STEP)
+            return BodyFrame(t - self.start, self._body.positions.copy(), self._body.springs)
+
+    def watch(self, rate: float, see: Callable[[BodyFrame], None]) -> None:
+        """Call `see` with a frame `rate` times a second of the rig's time, from `start` until the end."""
+        if isinstance(self.clock, VirtualClock):
+            self._watch_virtual(self.clock, rate, see, 0)
+        else:
+            thread = threading.Thread(target=self._watch_wall, args=(rate, see), name="virtual body")
+            self._watchers.append(thread)
+            thread.start()
+
+    def stop_watching(self) -> None:
+        """Stop calling `see`. Raises the error of a call that failed."""
+        self._closed.set()
+        while self._watchers:
+            self._watchers.pop().join()
+        failure, self._failure = self._failure, None
+        if failure is not None:
+            raise failure
+
+    def _watch_virtual(
+        self, clock: VirtualClock, rate: float, see: Callable[[BodyFrame], None], number: int
+    ) -> None:
+        def due(t: float) -> None:
+            if not self._closed.is_set():
+                see(self.frame(t))
+                self._watch_virtual(clock, rate, see, number + 1)
+
+        clock.at(self.start + number / rate, due)
+
+    def _watch_wall(self, rate: float, see: Callable[[BodyFrame], None]) -> None:
+        number = 0
+        try:
+            while not self._closed.is_set():
+                t = self.start + number / rate
+                self.clock.sleep_until(t)
+                see(self.frame(t))
+                number = max(number + 1, math.ceil((self.clock.now() - self.start) * rate))  # missed ones
+        except Exception as error:  # raised by `stop_watching`
+            self._failure = error

@@ -1,0 +1,103 @@
+"""Tracking while the pictures arrive: the first ones calibrate the plane, then every picture is tracked."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from eldir.core.records import FloatArray
+from eldir.errors import EldirError
+from eldir_hardware.camera.plane import Image, Plane, TagBoard
+from eldir_hardware.camera.tags import calibrate_plane
+from eldir_hardware.markers.mark_sheet import PALETTE
+from eldir_hardware.markers.registration import DEFAULT, marker_kind
+from eldir_hardware.markers.tracker import MarkerTracker
+from eldir_hardware.vision.recording_setup import CALIBRATION_FRAMES
+
+FIRST_PICTURE = "first_picture_ns"
+"""Name in a plane's provenance: stamp of the first picture that it was calibrated from [ns]."""
+
+
+class LiveTracker:
+    """Tracks a stream of pictures as `eldir track` tracks its log, without losing the first ones.
+
+    Without a calibrated plane, pictures wait in a buffer until `CALIBRATION_FRAMES` of them have shown
+    the plane of motion; they are then tracked as well.
+    """
+
+    def __init__(
+        self,
+        board: TagBoard | None = None,
+        plane: Plane | None = None,
+        layout: FloatArray | None = None,
+        marker: str = DEFAULT,
+    ):
+        """`board`: where the fixed tags are. `plane`: a calibrated plane, which needs no tags.
+        `layout` (K, 2) [m]: where the design has the marks; it also says how many there are.
+        `marker`: the kind of marker."""
+        self._kind = marker_kind(marker)
+        self.names: tuple[str, ...] = tuple(PALETTE)[: None if layout is None else len(layout)]
+        self._board = board
+        self._given_plane = plane
+        self._layout = layout
+        self._tracker: MarkerTracker[Any] | None = None
+        self._buffer: list[tuple[int, Image]] = []
+        self._origin_ns: int | None = None
+
+    @property
+    def plane(self) -> Plane | None:
+        """The plane that pictures are tracked in; None before it is calibrated."""
+        return self._given_plane if self._tracker is None else self._tracker.plane
+
+    @property
+    def notes(self) -> list[str]:
+        """What the user has to know about the tags and how the marks were found; nothing before they are."""
+        if self._tracker is None or not self._tracker.acquired:
+            return []
+        remark = self._tracker.plane.provenance.get("remark")
+        return [*([remark] if remark else []), *self._tracker.notes]
+
+    def set_board(self, board: TagBoard) -> None:
+        """Set the places of the fixed tags; ignored if they are known already."""
+        if self._board is None:
+            self._board = board
+
+    def reset(self, origin_ns: int | None = None) -> None:
+        """Forget the pictures so far, as at the start of a run: tags, design and a given plane stay.
+
+        The tracker counts its time from `origin_ns` [ns], or else from the first picture to come.
+        """
+        self._tracker = None
+        self._buffer.clear()
+        self._origin_ns = origin_ns
+
+    def update(self, stamp_ns: int, image: Image) -> list[tuple[int, FloatArray, Image]]:
+        """Stamp [ns], positions (K, 2) [m] of the marks and picture, of each picture tracked by this call.
+
+        The list is empty while the plane is not known, holds the buffered pictures once it is, and
+        later this one. `image` (H, W, 3) is BGR. Positions are NaN where a mark is not seen.
+        Raises `EldirError` where the pictures do not show the plane or contradict the design; the
+        buffer is then empty, and the next pictures are tried anew.
+        """
+        self._buffer.append((stamp_ns, image))
+        try:
+            tracker = self._tracker or self._calibrated()
+            return [] if tracker is None else self._tracked(tracker)
+        except EldirError:
+            self._buffer.clear()
+            raise
+
+    def _calibrated(self) -> MarkerTracker[Any] | None:
+        plane = self._given_plane
+        if plane is None:
+            self._buffer = self._buffer[-CALIBRATION_FRAMES:]
+            if self._board is None or len(self._buffer) < CALIBRATION_FRAMES:
+                return None
+            origin = {"source": "live pictures", FIRST_PICTURE: self._buffer[0][0]}
+            plane = calibrate_plane([image for _, image in self._buffer], self._board, origin)
+        self._tracker = self._kind.tracker(plane, self.names, self._layout)
+        return self._tracker
+
+    def _tracked(self, tracker: MarkerTracker[Any]) -> list[tuple[int, FloatArray, Image]]:
+        pictures, self._buffer = self._buffer, []
+        origin = self._origin_ns = pictures[0][0] if self._origin_ns is None else self._origin_ns
+        return [(at, tracker.update(image, 1e-9 * (at - origin)), image) for at, image in pictures]

@@ -1,0 +1,237 @@
+"""Where frames come from: a camera, a video file, a folder of pictures, the log of a run."""
+
+from __future__ import annotations
+
+import csv
+import logging
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from eldir.errors import InputError, damaged, missing, not_read
+from eldir_hardware.camera.plane import Image
+from eldir_hardware.images import jpeg
+from eldir_hardware.images.codecs import quiet
+from eldir_hardware.images.file_kind import require_video
+from eldir_hardware.images.video_reader import Video
+from eldir_hardware.log.bag import FILE as BAG
+from eldir_hardware.log.messages import VIRTUAL_EPOCH
+from eldir_hardware.log.reader import RunLog, read_log
+from eldir_hardware.rig.camera_name import is_camera
+from eldir_hardware.vision.live import CameraDevice
+
+_logger = logging.getLogger(__name__)
+
+TIMES = "times.csv"
+"""File with the times of a folder of pictures: a line `file,t_s` for each."""
+_ADDRESS = re.compile(r"[A-Za-z]{2,}:/|camera:")
+_PICTURES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff"}
+_MIN_MOMENTS = 0.9  # different times per picture; two pictures of one time are a slip, many are no times
+_PATTERN_EVERY = 0.5  # time between the frames of a film in which a calibration pattern is looked for [s]
+
+
+class Source(Protocol):
+    """Frames that can be read repeatedly."""
+
+    @property
+    def name(self) -> str:
+        """The path, for messages."""
+
+    @property
+    def attachments(self) -> dict[str, bytes]:
+        """Attached files by name: design, tags, plane."""
+
+    def __iter__(self) -> Iterator[tuple[float, Image]]:
+        """Time [s] and BGR picture (H, W, 3) of each frame."""
+
+
+def open_source(path: Path | str, rate: float | None = None, seconds: float = 10.0) -> Source:
+    """Open the source at a path. `rate` [1/s]: of a folder or a film without times. `seconds`: to film with a
+    camera.
+
+    Raises `InputError` for a missing or unreadable source.
+    """
+    _logger.info("opening %s", path)
+    if is_camera(str(path)):
+        return CameraDevice(str(path), seconds)
+    if not str(path) or _ADDRESS.match(str(path)):
+        raise InputError(
+            f"{path} is no address of a camera" if str(path) else "the name of the source is empty",
+            code="camera.no-address",
+            expected="a path, or camera:0, /dev/video0, http://..., https://... or rtsp://...",
+        )
+    path = Path(path)
+    if not path.exists():
+        raise missing(path)
+    if path.is_dir() and (path / BAG).exists():
+        return LoggedFrames(read_log(path))
+    if path.is_dir():
+        return Folder(path, rate)
+    if path.suffix == ".mcap":
+        return LoggedFrames(read_log(path))
+    if path.suffix.lower() in _PICTURES:
+        return Folder(path, rate)
+    require_video(path)
+    return Video(path, rate)
+
+
+def recorded_at(source: Source) -> datetime:
+    """When a source was recorded: by the log, by the file's date, or now for a camera."""
+    if isinstance(source, LoggedFrames) and source.log.epoch_ns > VIRTUAL_EPOCH:
+        return datetime.fromtimestamp(source.log.epoch_ns * 1e-9, UTC)
+    if isinstance(source, Video | Folder):
+        return datetime.fromtimestamp(source.path.stat().st_mtime, UTC)
+    return datetime.now(UTC)
+
+
+@dataclass(frozen=True)
+class Folder:
+    """Pictures in a folder, in the order of the numbers in their names, or of their times; or one picture."""
+
+    path: Path
+    rate: float | None
+    attachments: dict[str, bytes] = field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        """The path, for messages."""
+        return str(self.path)
+
+    @property
+    def has_times(self) -> bool:
+        """Whether a table gives the times."""
+        return (self.path / TIMES).exists()
+
+    def __iter__(self) -> Iterator[tuple[float, Image]]:
+        return ((t, _read(file)) for t, file in self._files())
+
+    def pictures(self) -> Iterator[tuple[Path, Image]]:
+        """File and picture, where times do not matter."""
+        return ((file, _read(file)) for _, file in self._files())
+
+    def _files(self) -> list[tuple[float, Path]]:
+        if self.path.is_file():
+            return [(0.0, self.path)]
+        if self.has_times:
+            return _timed(self.path / TIMES)
+        files = sorted((f for f in self.path.iterdir() if f.suffix.lower() in _PICTURES), key=_natural)
+        if not files:
+            raise InputError(
+                f"{self.path} holds no pictures",
+                code="film.no-pictures",
+                expected=", ".join(sorted(_PICTURES)),
+                found=f"{len(list(self.path.iterdir()))} other files",
+            )
+        if self.rate is None:
+            raise InputError(
+                f"the pictures in {self.path} have no timestamps",
+                code="film.no-timestamps",
+                remedy=f"give their rate, such as --rate 10, or their times in {TIMES}",
+            )
+        return [(number / self.rate, file) for number, file in enumerate(files)]
+
+
+def _timed(table: Path) -> list[tuple[float, Path]]:
+    """Time [s] and file of each picture that a table names, in the order of time."""
+    rows = _rows(table)
+    try:
+        files = [(float(row["t_s"].replace(",", ".")), table.parent / row["file"]) for row in rows]
+    except (KeyError, ValueError) as error:
+        raise damaged(table, "columns file and t_s [s]", f"{type(error).__name__}: {error}") from None
+    wrong = next((f"{file.name} at {t} s" for t, file in files if not math.isfinite(t)), None)
+    if wrong or not files:
+        raise damaged(table, "a time for each picture", wrong or "no picture")
+    lost = next((file for _, file in files if not file.exists()), None)
+    if lost is not None:
+        raise missing(lost, f"{TIMES} names it")
+    moments = len({t for t, _ in files})
+    if moments < _MIN_MOMENTS * len(files):
+        raise InputError(
+            f"{table} has wrong times",
+            code="film.wrong-timestamps",
+            expected="a time of its own for each picture",
+            found=f"{moments} different times of {len(files)} pictures",
+            remedy="correct them, or remove the table and give --rate",
+        )
+    return sorted(files, key=lambda timed: timed[0])
+
+
+def _rows(table: Path) -> list[dict[str, str]]:
+    """The rows of a table as a spreadsheet may write it: with a byte order mark, separated by commas,
+    semicolons or tabs, with spaces around the values, and decimal commas between semicolons."""
+    try:
+        text = table.read_text("utf-8-sig")
+    except OSError as error:
+        raise not_read(table, error) from None
+    except UnicodeDecodeError:
+        raise damaged(table, "a table (CSV) in UTF-8", "bytes that are no text") from None
+    lines = [line for line in text.splitlines() if line.strip()] or [""]
+    separator = next((c for c in ",;\t " if c in lines[0]), ",")
+    cells = [
+        [c.strip() for c in row] for row in csv.reader(lines, delimiter=separator, skipinitialspace=True)
+    ]
+    return [dict(zip(cells[0], row, strict=False)) for row in cells[1:]]
+
+
+@dataclass(frozen=True)
+class LoggedFrames:
+    """The frames of a run's log."""
+
+    log: RunLog
+
+    @property
+    def name(self) -> str:
+        """The path, for messages."""
+        return str(self.log.path)
+
+    @property
+    def attachments(self) -> dict[str, bytes]:
+        """Files kept with the log."""
+        return self.log.attachments
+
+    def __iter__(self) -> Iterator[tuple[float, Image]]:
+        if not self.log.frame_count:
+            raise InputError(
+                f"{self.name} holds no frames", code="log.no-frames", remedy="record the run with a camera"
+            )
+        return self.log.frames
+
+
+def _read(file: Path) -> Image:
+    quiet()
+    try:
+        return jpeg.decode(np.fromfile(file, np.uint8))
+    except InputError:
+        raise InputError(
+            f"{file} cannot be decoded",
+            code="film.not-decoded",
+            expected="a picture of a usual size",
+            remedy="remove it, or make it smaller",
+        ) from None
+    except OSError as error:
+        raise not_read(file, error) from None
+
+
+def _natural(file: Path) -> list[tuple[int, int, str]]:
+    """Sorts frame9 before frame10."""
+    return [(0, int(p), "") if p.isdigit() else (1, 0, p) for p in re.split(r"(\d+)", file.name) if p]
+
+
+def named_pictures(frames: Source) -> Iterator[tuple[str, Image]]:
+    """Pictures in which a calibration pattern is looked for: name and picture of every photograph in a
+    folder, or of two frames a second of a film."""
+    if isinstance(frames, Folder):
+        for file, image in frames.pictures():
+            yield file.name, image
+        return
+    due = 0.0
+    for t, image in frames:
+        if t >= due:
+            due = t + _PATTERN_EVERY
+            yield f"the frame at {t:.1f} s", image

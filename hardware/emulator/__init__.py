@@ -1,4 +1,0 @@
-"""Emulated relay boards on pseudo-terminals, written from the manuals.
-
-They share no code with the drivers in `hardware.relay`.
-"""

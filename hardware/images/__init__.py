@@ -1,4 +1,0 @@
-"""Pictures as bytes and files: codecs, video, the drawn body.
-
-Markers in pictures are found in `hardware.markers`.
-"""

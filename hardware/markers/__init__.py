@@ -1,4 +1,0 @@
-"""Markers on masses m1 to m5: each kind as it is printed, and as it is tracked in pictures.
-
-The plane that they move in is in `calibration.camera`; where pictures come from, in `hardware.vision`.
-"""

@@ -1,4 +1,0 @@
-"""Relay boards: one interface, and one driver for each byte protocol.
-
-When a contact may close is decided in `hardware.guardian`, not here.
-"""

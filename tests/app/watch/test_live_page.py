@@ -1,0 +1,174 @@
+"""The page in a real browser, beside real programs: what it shows, and that its Stop opens every contact."""
+
+import json
+import os
+import signal
+
+import numpy as np
+import pytest
+
+from eldir_hardware.log.reader import read_log
+from eldir_hardware.log.recorder import Recorder
+from eldir_hardware.safety.latch import stop_of
+from tests.app.watch.bench import again_where_busy, free_port, heating, virtual_run, watching
+from tests.app.watch.browser import browser
+from tests.hardware.emulated_rigs import rig_file, wait
+from tests.hardware.log.log_contents import picture
+from tests.hardware.rigs_and_schedules import RIG, SCHEDULE
+from tests.hardware.run.faults import guardian_of
+
+WITHIN = 0.5
+"""From the click until every contact is open [s]."""
+INK = """(() => {
+  const canvas = document.getElementById("curves"), pen = canvas.getContext("2d");
+  const data = pen.getImageData(0, 0, canvas.width, canvas.height).data;
+  let blue = 0;
+  for (let i = 0; i < data.length; i += 4) blue += data[i] < 40 && data[i + 1] > 80 && data[i + 2] > 140;
+  return blue;
+})()"""
+"""Pixels in the colour of the first spring."""
+
+
+@pytest.fixture(scope="module")
+def page():
+    with browser() as opened:
+        yield opened
+
+
+@pytest.fixture
+def finished_log(tmp_path):
+    path = tmp_path / "finished.mcap"
+    with Recorder(path, [f"channel{i}" for i in range(1, 5)], _springs()) as log:
+        log.attach("rig.yaml", RIG.source or _text())
+        log.attach("schedule.json", json.dumps(SCHEDULE.to_json()).encode())
+        for number in range(200):
+            t = number / 10
+            log.on_frame(t, picture(number))
+            log.on_relays(t, [5 < t < 9, False, False, False])
+            log.on_temperatures(t, [22 + t, 22, 23, 24])
+        log.on_status(20.0, "player", "channel 1 does not follow", good=False)
+    return path
+
+
+def _springs():
+    return [f"spring{c.spring}_{c.face}" for c in RIG.channels]
+
+
+def _text():
+    return json.dumps(RIG.to_json()).encode()
+
+
+def test_a_finished_log_is_replayed(page, finished_log):
+    with watching("--log", finished_log) as (address, _):
+        page.size(1400, 900)
+        page.open(address)
+        page.wait("document.getElementById('mode').innerText.includes('Replay of finished.mcap')")
+        page.wait("document.getElementById('events').innerText.includes('channel 1 does not follow')")
+        assert page.place("#stop")["width"] == 0  # it would stop nothing of this log
+        page.wait("document.getElementById('picture-note').innerText == 'at 0.0 s'")  # not the last picture
+        slide = "(() => { const i = document.getElementById('instant'); i.value = %s; i.oninput(); })()"
+        page.ask(slide % 12)
+        page.wait("document.getElementById('picture-note').innerText == 'at 12.0 s'")
+        page.wait("document.getElementById('legend').innerText.includes('34.0 °C')")
+        assert page.ask(INK) > 500
+        assert not page.errors
+
+
+def test_the_page_turns_to_the_run_that_begins_and_its_curves_move(page, tmp_path):
+    virtual = tmp_path / "virtual.yaml"
+    with virtual_run(tmp_path) as player, watching("--rig", virtual) as (address, _):
+        page.size(1400, 900)
+        page.open(address)
+        page.wait("document.getElementById('mode').innerText == 'Running: virtual.mcap'")
+        page.wait("Number(document.getElementById('legend').innerText.match(/ch 1: ([0-9.]+)/)?.[1]) > 26")
+        before = page.ask(INK)
+        page.wait("Number(document.getElementById('legend').innerText.match(/ch 1: ([0-9.]+)/)?.[1]) > 31")
+        assert page.ask(INK) > before > 0
+        ages = [float(page.text("run").split("Data\n")[1].split(" s old")[0]) for _ in range(20)]
+        assert np.median(ages) < 0.3
+        page.click("#stop")
+        assert player.wait(10.0) == 1  # its emulated board goes with it
+        page.wait("document.getElementById('outcome').innerText.startsWith('Stopped after')")
+        assert not page.errors
+    _, _, ended = read_log(tmp_path / "virtual.mcap").statuses[-1]
+    assert ended.startswith("stopped by SIGTERM") and "all contacts are open by the board's report" in ended
+
+
+def test_the_stop_is_in_view_at_every_size_and_place(page, tmp_path):
+    rig = rig_file(tmp_path / "rig.yaml", "lcus", "/dev/no-board")
+    with watching("--rig", rig) as (address, _):
+        page.open(address)
+        page.wait("document.getElementById('mode').innerText.includes('Nothing is driven')")
+        for width, height in ((1400, 900), (390, 844), (320, 480), (844, 390)):
+            page.size(width, height)
+            for scrolled in (0, 10_000):
+                page.ask(f"scrollTo(0, {scrolled})")
+                box = page.place("#stop")
+                assert box["width"] >= 0.4 * min(width, 680) and box["height"] >= 48
+                assert box["x"] >= 0 and box["x"] + box["width"] <= width
+                assert box["y"] >= 0 and box["y"] + box["height"] <= height
+            assert page.ask("document.documentElement.scrollWidth") <= width
+
+
+@pytest.mark.parametrize(("how", "player"), [("click", "plays"), ("space", "suspended")])
+@again_where_busy
+def test_the_stop_opens_every_contact(how, player, page, tmp_path):
+    with heating(tmp_path / "run") as run, watching("--rig", run.rig) as (address, _):
+        page.size(390, 844)
+        page.open(address)
+        page.wait("document.getElementById('mode').innerText == 'Running: log.mcap'")
+        assert wait(lambda: any(run.board.contacts))
+        if player == "suspended":  # with its guardian, which would open the contacts
+            for process in (guardian_of(run.player.pid), run.player.pid):
+                os.kill(process, signal.SIGSTOP)
+            page.wait("document.getElementById('alarm').innerText.startsWith('No new data')")
+            page.wait("document.getElementById('rig').innerText.split('suspended').length == 3")
+            assert any(run.board.contacts)
+        begun = page.click("#stop") if how == "click" else page.space()
+        after = run.stopped_after(begun)
+        print(f"\n{how}, program {player}: off after {after:.2f} s")
+        assert after < WITHIN
+        page.wait("document.getElementById('outcome').innerText.startsWith('Stopped after')")
+        assert "stopped by eldir rig off" in stop_of(run.board.port)
+        page.wait("document.getElementById('rig').innerText.includes('stopped by eldir rig off')")
+
+
+@again_where_busy
+def test_a_run_is_paused_and_finished_from_the_page(page, tmp_path):
+    with heating(tmp_path / "again") as run, watching("--rig", run.rig) as (address, _):
+        page.size(390, 844)
+        page.open(address)
+        page.wait("!document.getElementById('orders').hidden")
+        assert page.ask("document.documentElement.scrollWidth") <= 390
+        after = run.stopped_after(page.click("#pause"))
+        assert after < WITHIN
+        page.wait("document.getElementById('mode').innerText == 'Paused: log.mcap'")
+        page.wait("document.getElementById('pause').innerText == 'Resume'")
+        page.click("[data-order=finish]")
+        assert run.player.wait(5.0) == 0
+        assert stop_of(run.board.port) is None, "no stop is latched"
+        page.wait("document.getElementById('orders').hidden")
+    assert read_log(run.log).statuses[-1][2] == "finished after 0 of 5 cycles"
+
+
+@again_where_busy
+def test_a_server_that_is_killed_says_so_and_one_that_is_back_stops(page, tmp_path):
+    port = free_port()
+    with heating(tmp_path / "run") as run:
+        with watching("--rig", run.rig, port=port) as (address, server):
+            page.size(1400, 900)
+            page.open(address)
+            page.wait("document.getElementById('mode').innerText == 'Running: log.mcap'")
+            server.kill()
+            page.wait("document.getElementById('alarm').innerText.startsWith('Connection lost')")
+            page.click("#stop")
+            page.wait("document.getElementById('outcome').innerText.startsWith('NOT STOPPED')")
+        assert run.player.poll() is None  # the run does not depend on the page
+        with watching("--rig", run.rig, port=port):
+            page.wait("document.getElementById('alarm').hidden")
+            page.wait("document.getElementById('legend').innerText.split('°C').length == 5")
+            assert wait(lambda: any(run.board.contacts))
+            after = run.stopped_after(page.click("#stop"))
+            page.wait("document.getElementById('outcome').innerText.startsWith('Stopped after')")
+            print(f"\nafter a restart: off after {after:.2f} s")
+            assert after < WITHIN

@@ -1,0 +1,187 @@
+"""What a report predicts beside the camera, and the process that does it meanwhile."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from eldir.built.gait import Gait
+from eldir.built.samples import NominalRobots, sampled_walks
+from eldir.built.scene import BuiltScene
+from eldir.core.worker_process import WorkerProcess
+from eldir.design import Ballast, Variant
+from eldir.errors import EldirError, InputError
+from eldir.lattice import Lattice
+from eldir.parameters.printed import BuiltParameters
+from eldir.parameters.robot import RobotParameters
+from eldir.trajectory import Trajectory
+from eldir_cad.packet.folder import apply_variant
+from eldir_calibration.comparison.predictions import motions_without_camera, predict_runs
+from eldir_calibration.comparison.recorded_run import LoggedRun, RecordedRun
+from eldir_calibration.dynamics.recording import Recording
+from eldir_calibration.identification.identification import filmed_gait
+from eldir_calibration.report.comparison import Motion
+from eldir_hardware.log.reader import RunLog
+from eldir_hardware.planning.compiler import compile_schedule
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.rig.template import virtual_rig
+from tests.calibration.comparison.computed_aside import die, interrupted, refuse, square
+from tests.eldir.random_design import make_design
+from tests.raised import raises
+
+
+def test_what_is_computed_aside_comes_back() -> None:
+    with WorkerProcess("numpy") as worker:
+        for x in (3.0, 4.0):
+            worker.begin(square, x)
+            assert worker.value() == x * x
+
+
+@pytest.mark.parametrize(
+    ("function", "arguments", "kind", "message"),
+    [
+        (refuse, ("motors",), InputError, "^no motors; expected some; found none$"),
+        (die, (), EldirError, "process that computes in numpy died; found exit status -9"),
+        (square, ("three",), TypeError, "multiply"),
+    ],
+)
+def test_what_goes_wrong_aside_is_raised_here(
+    function: Callable[..., None], arguments: tuple[str, ...], kind: type[Exception], message: str
+) -> None:
+    with WorkerProcess("numpy") as worker:
+        worker.begin(function, *arguments)
+        with pytest.raises(kind, match=message):
+            worker.value()
+
+
+def test_ctrl_c_is_for_the_one_who_asked() -> None:
+    with WorkerProcess("numpy") as worker:
+        worker.begin(interrupted, 3.0)
+        assert worker.value() == 9.0
+
+
+def test_nothing_outlives_the_one_who_asked() -> None:
+    with pytest.raises(KeyboardInterrupt), WorkerProcess("numpy") as worker:
+        raise KeyboardInterrupt
+    assert worker._child.poll() == -signal.SIGKILL
+    with WorkerProcess("numpy") as worker:
+        child = worker._child
+    assert child.poll() is not None
+
+
+@pytest.fixture(scope="module")
+def driven(tmp_path_factory: pytest.TempPathFactory) -> RecordedRun:
+    path = tmp_path_factory.mktemp("rig") / "rig.yaml"
+    path.write_text(virtual_rig())
+    rig, design = Rig.load(path), make_design(3, Lattice(3, 6))
+    springs = tuple(np.flatnonzero(design.morphology.active).tolist())
+    gait = Gait(12.0, np.array([0.0, 0.875]), np.full(2, 0.2))
+    return RecordedRun(design, compile_schedule(gait, rig, springs, cycles=3), rig)
+
+
+def same(a: Motion, b: Motion) -> bool:
+    return a.trajectory == b.trajectory and (a.start, a.cycles, a.body_length) == (
+        b.start,
+        b.cycles,
+        b.body_length,
+    )
+
+
+def test_all_robots_in_one_batch_move_as_each_alone(driven: RecordedRun) -> None:
+    ballast = Variant(ballast=Ballast(9.0, 0))
+    heavier = RecordedRun(replace(driven.design, variant=ballast), driven.schedule, driven.rig)
+    nominal = RobotParameters(driven.robot.parameters, driven.rig.spring_parameters())
+    known = BuiltScene.of(nominal.at(["hot_length"], [-1.0]), (), np.zeros((0, 0)))
+    with WorkerProcess("eldir_calibration.comparison.predictions") as worker:
+        worker.begin(predict_runs, [driven, heavier], known, 2)
+        found = worker.value()
+    evolved, alone = motions_without_camera(driven.design, driven.schedule, driven.rig)
+    assert found.before is not None and same(found.before, alone) and same(found.evolved, evolved)
+    soft, heavy = (m.trajectory.positions for m in found.own)
+    assert np.abs(soft - alone.trajectory.positions).max() > 1e-3
+    assert np.abs(heavy - soft).max() > 1e-3
+    assert 0 < len(found.others) <= 5 and {m.cycles for m in found.others} == {2}
+    assert all(m.trajectory.times[-1] < alone.trajectory.times[-1] for m in found.others)
+
+
+def test_samples_are_those_that_a_gait_was_planned_with(driven: RecordedRun) -> None:
+    """The same ones of six fall, and one that stays where it is does so in both."""
+    design = make_design(10, Lattice(3, 6))
+    springs = tuple(np.flatnonzero(design.morphology.active).tolist())
+    gait = Gait(20.0, np.array([0.0, 0.125]), np.full(2, 0.27))
+    schedule = compile_schedule(gait, driven.rig, springs, cycles=3)
+    found = predict_runs([RecordedRun(design, schedule, driven.rig)], samples=6).samples
+    robots = NominalRobots(
+        design.morphology, RobotParameters(BuiltParameters(), driven.rig.spring_parameters())
+    )
+    (planned,) = sampled_walks(robots, [gait], 6, 0)
+    stand = np.isfinite(planned.displacement)
+    assert 2 <= stand.sum() < 6, "some fall"
+    assert np.isfinite(found.walks).tolist() == stand.tolist() and found.fell == (~stand).sum()
+    assert (np.sign(found.walks[stand]) == np.sign(planned.displacement[stand])).all()
+    assert (found.ranges[stand] > 5e-4).all() and (found.swings[stand] > 5e-4).all()
+
+
+def test_a_control_robot_follows_the_intact_ones_schedule(driven: RecordedRun) -> None:
+    """What its own motors have of it; the other channels heat nothing. Also in an identification."""
+    control = replace(driven, design=apply_variant(driven.design, Variant(without_motor=0)))
+    assert control.design.morphology.motors == 1 < len(driven.schedule.springs)
+    (spring,) = np.flatnonzero(control.design.morphology.active).tolist()
+    alone = compile_schedule(Gait(12.0, np.zeros(1), np.full(1, 0.2)), driven.rig, (spring,), cycles=3)
+    found = predict_runs([control], samples=1).own[0]
+    assert same(found, predict_runs([replace(control, schedule=alone)], samples=1).own[0])
+    assert len(predict_runs([driven, control], samples=1).own) == 2
+    tracked = found.trajectory
+    log = RunLog(
+        Path("log.mcap"), tracked, (), *[np.zeros(0)] * 2, (), *[np.zeros(0)] * 2, (), {}, 0, 0, None
+    )
+    film = Recording(tracked, np.zeros((1, 1)), found.start, found.period, found.cycles)
+    seen = filmed_gait(LoggedRun(control.design, control.schedule, control.rig, log), film)
+    assert seen is not None and seen.gait.phase.tolist() == [0.0]
+    assert seen.gait.duty == pytest.approx([0.2])
+
+
+def test_a_sample_that_falls_is_no_walk(driven: RecordedRun, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("eldir.built.walking.TOPPLED", 0.0)
+    found = predict_runs([driven], samples=2)
+    assert found.samples.fell == 2 and np.isnan(found.samples.swings).all()
+    assert len(found.own) == 1, "the nominal robot's motion is shown all the same"
+
+
+def test_a_run_that_ended_early_has_its_whole_cycles(driven: RecordedRun) -> None:
+    said = ((20.0, "player", "playing"), (41.0, "player", "emergency stop"), (41.0, "log", "too slow"))
+    none = np.zeros(0)
+    log = RunLog(
+        Path("log.mcap"), None, (), none, none.astype(bool), (), none, none, said, {}, 300, 0, None
+    )  # fmt: skip
+    logged = LoggedRun(driven.design, driven.schedule, driven.rig, log)
+    start, period = driven.schedule.start_of_cycles, driven.schedule.period_s
+
+    def motion(end: float) -> Motion:
+        times = np.arange(0, end, 0.1)
+        return logged.motion(Trajectory(("m1",), times, np.zeros((len(times), 1, 2))))
+
+    assert motion(start + 3 * period + 0.1).cycles == motion(start + 9 * period).cycles == 3
+    assert motion(start + 2.5 * period).cycles == 2
+    with raises(InputError, "log.too-short", match=r"log\.mcap .*last said: emergency stop"):
+        motion(start + 0.5 * period)
+
+
+def test_the_robot_has_hubs_unless_the_engine_moves_it(driven: RecordedRun) -> None:
+    """The virtual robot that the engine moves has pins; one in MuJoCo and a real one have hubs."""
+    paths = []
+    for rig in (
+        driven.rig,
+        driven.rig.model_copy(
+            update={"virtual": driven.rig.virtual.model_copy(update={"physics": "mujoco"})}
+        ),
+        driven.rig.model_copy(update={"kind": "real"}),
+    ):
+        paths.append(motions_without_camera(driven.design, driven.schedule, rig)[1].trajectory.positions)
+    pins, mujoco, real = paths
+    assert np.array_equal(mujoco, real) and np.abs(pins - real).max() > 1e-5
