@@ -120,10 +120,10 @@ def run_application() -> int:
         asked = next((word for word in sys.argv[1:] if not word.startswith("-")), "")
         status = application(asked)(standalone_mode=False, prog_name="eldir")
     except TyperException as error:  # wrong arguments
-        message = error.format_message().rstrip(".")
-        if not message:  # no arguments: the help has been printed
+        message, context = error.format_message().rstrip("."), getattr(error, "ctx", None)
+        if context is not None and error.format_message() == context.get_help():  # no sub-command was given
+            typer.echo(context.get_help())
             return 2
-        context = getattr(error, "ctx", None)
         command = "eldir" if context is None else context.command_path
         print_line(f"{_in_plain_words(message)}; see {command} --help")
         return 2
