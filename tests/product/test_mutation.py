@@ -1,5 +1,7 @@
 """The mutation tester: which changes it makes, what it leaves alone, and which tests it chooses."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -118,3 +120,17 @@ def test_what_is_listed_is_there():
     campaign = Campaign(list(explained))  # raises for a mutant that is not there any more
     assert set(explained) <= {m.module for m in campaign.mutants}
     assert [pattern for pattern in (*MODULES, *TESTS) if not any(ROOT.glob(pattern))] == []
+
+
+def test_tests_run_in_a_copy_of_the_repository(tmp_path: Path) -> None:
+    """They see its modules, and their warnings are errors there too."""
+    code = (
+        "from pathlib import Path; from tests.paths import ROOT\n"
+        "from tests.stress.mutation.trial import Copy\n"
+        f"copy = Copy(ROOT, Path({str(tmp_path / 'copy')!r}))\n"
+        "print(copy.run(['tests/hardware/test_clocks.py'], {}).how)\n"
+        "copy.write('hardware/eldir_hardware/clock.py', 'raise RuntimeError')\n"
+        "print(copy.run(['tests/hardware/test_clocks.py'], {}).how)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["passed", "import"]

@@ -22,6 +22,8 @@ from typing import NamedTuple
 import pytest
 from hypothesis import Phase, settings
 
+from tests.paths import NODES, PACKAGES, ROOT
+
 _LEFT_OUT = (".git", ".venv", ".*_cache", ".hypothesis", "__pycache__", "*.egg-info", "demo")
 _SLOW = (
     "numpy", "scipy.optimize", "yaml", "pydantic", "typer.testing", "serial", "jsonschema",
@@ -50,8 +52,10 @@ class Copy:
         self._written = 0
         ctypes.CDLL(None).prctl(_ADOPT_ORPHANS, 1, 0, 0, 0)
         os.chdir(folder)
-        sys.path[:] = [str(folder), *(p for p in sys.path if p not in ("", str(root)))]
-        os.environ["PYTHONPATH"] = str(folder)
+        packages = [*(p.parent for p in PACKAGES.values()), NODES]
+        homes = [str(folder / home.relative_to(ROOT)) for home in packages]
+        sys.path[:] = [*homes, *(p for p in sys.path if p not in ("", str(root)))]
+        os.environ["PYTHONPATH"] = os.pathsep.join(homes)
         for name in _SLOW:
             try:
                 importlib.import_module(name)
@@ -165,8 +169,8 @@ def _run_tests(tests: Sequence[str], write: int, plugin: object | None, failures
             "--no-header",
             "-p",
             "no:cacheprovider",
-            "-p",
-            "no:xdist",
+            "-W",
+            "ignore::pytest.PytestAssertRewriteWarning",  # hypothesis is imported already
         ]
         plugins = [_Order(tests, write), *([plugin] if plugin else [])]
         code = int(pytest.main([*options, *files], plugins=plugins))
