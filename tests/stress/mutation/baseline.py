@@ -22,6 +22,7 @@ def measure(copy: Copy, sources: Mapping[str, str], tests: Sequence[str], select
     Raises `RuntimeError` where they fail.
     """
     notes, results = copy.folder / "notes", copy.folder / "results"
+    notes.touch()
     for module, source in sources.items():
         copy.write(module, noting(module, source, notes))
     ended = copy.run(tests, {}, _Notes(notes, results), failures=_FLAKY + 1)

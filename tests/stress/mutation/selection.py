@@ -21,15 +21,17 @@ from tests.stress.mutation.mutants import Mutant
 _NOTE = """
 import os as _os
 _noted = set()
-try:
-    _notes = _os.open({path!r}, _os.O_WRONLY | _os.O_APPEND | _os.O_CREAT, 0o666)
-except AttributeError:  # MicroPython, which runs the firmware
-    _notes = None
 def _note(line):
-    if _notes is not None and line not in _noted:
-        _noted.add(line)
-        try:
-            _os.write(_notes, b"{module}:%d\\n" % line)
+    try:
+        here = _os.getpid(), line  # a forked program notes what it runs itself
+    except AttributeError:  # MicroPython, which runs the firmware
+        return
+    if here not in _noted:
+        _noted.add(here)
+        try:  # opened anew, as a forked program has closed all files
+            notes = _os.open({path!r}, _os.O_WRONLY | _os.O_APPEND | _os.O_CREAT, 0o666)
+            _os.write(notes, b"{module}:%d\\n" % line)
+            _os.close(notes)
         except OSError:
             pass
 """
