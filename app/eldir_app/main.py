@@ -10,7 +10,6 @@ import os
 import signal
 import sys
 from contextlib import suppress
-from importlib import import_module
 from io import TextIOWrapper
 from typing import NoReturn
 
@@ -19,7 +18,6 @@ from eldir.errors import EldirError, InputError, print_line, report
 
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 _EMERGENCY = ["rig", "off"]
-_STOP = "eldir_app.emergency_stop"
 
 
 def main() -> NoReturn:
@@ -113,9 +111,7 @@ def _emergency_stop(words: list[str]) -> int | None:
         p for p in sys.path if p not in beside
     ] + beside  # a serial.py beside the rig file is not run
     try:
-        stop = import_module(_STOP)
-    except ImportError:  # eldir without its hardware: the long way says what is missing
-        return None
+        from eldir_app.emergency_stop import run_quickly
     except KeyboardInterrupt as error:
         error.add_note("nothing was switched off yet: run it again, or cut the heating supply now")
         raise
@@ -123,8 +119,7 @@ def _emergency_stop(words: list[str]) -> int | None:
         with suppress(InputError):  # of ELDIR_LOG, which is told below
             program_log.raise_level(steps)
     program_log.configure("eldir rig off")
-    status: int | None = stop.run_quickly(words[2:])
-    return status
+    return run_quickly(words[2:])
 
 
 def _log_steps(word: str) -> int:
