@@ -29,50 +29,50 @@ def main() -> int:
     parser.add_argument("--released", type=Path, metavar="CODE", help="folder with the paper's released code")
     parser.add_argument("--turns", type=int, default=7, help="turns of each comparison")
     parser.add_argument("--robots", type=int, default=12, help="robots of each comparison")
-    given = parser.parse_args()
-    if given.turns < 1 or given.robots < 1:
+    arguments = parser.parse_args()
+    if arguments.turns < 1 or arguments.robots < 1:
         parser.error("turns and robots must be at least 1")
     try:
-        require_new(given.out)
-        with tempfile.TemporaryDirectory() as scratch, new_folder(given.out) as draft:
-            found = _measure(given, Path(scratch))
-            (draft / "benchmarks.json").write_text(json.dumps(found, indent=1) + "\n")
-            (draft / "benchmarks.md").write_text(table(found))
-            plot(found).savefig(draft / "benchmarks.png", dpi=150)
+        require_new(arguments.out)
+        with tempfile.TemporaryDirectory() as scratch, new_folder(arguments.out) as draft:
+            results = _measure(arguments, Path(scratch))
+            (draft / "benchmarks.json").write_text(json.dumps(results, indent=1) + "\n")
+            (draft / "benchmarks.md").write_text(table(results))
+            plot(results).savefig(draft / "benchmarks.png", dpi=150)
     except EldirError as error:
         print(f"benchmarks: {error}", file=sys.stderr)
         return 1
-    print(table(found))
+    print(table(results))
     return 0
 
 
-def _measure(given: argparse.Namespace, scratch: Path) -> dict[str, Any]:
-    ways: dict[str, Callable[[], dict[str, Any]]] = {
-        f"C, {kind} robots": partial(against_c, kind, given.robots, given.turns, scratch)
+def _measure(arguments: argparse.Namespace, scratch: Path) -> dict[str, Any]:
+    comparisons: dict[str, Callable[[], dict[str, Any]]] = {
+        f"C, {kind} robots": partial(against_c, kind, arguments.robots, arguments.turns, scratch)
         for kind in ("big", "small")
     }
     if find_spec("jax") is None:
         print("JAX is left out: pip install jax", file=sys.stderr)
     else:
-        ways |= {
-            f"JAX, {kind} robots": partial(against_jax, kind, given.robots, given.turns, scratch)
+        comparisons |= {
+            f"JAX, {kind} robots": partial(against_jax, kind, arguments.robots, arguments.turns, scratch)
             for kind in ("big", "small")
         }
-    if given.released is None:
+    if arguments.released is None:
         print("the released code is left out: no --released CODE (benchmarks/README.md)", file=sys.stderr)
     else:
-        ways["released code, big robots"] = partial(
-            against_released, given.released.resolve(), "big", given.robots, given.turns, scratch
+        comparisons["released code, big robots"] = partial(
+            against_released, arguments.released.resolve(), "big", arguments.robots, arguments.turns, scratch
         )
     if find_spec("mujoco") is None:
         print("MuJoCo is left out: pip install 'eldir[mujoco]'", file=sys.stderr)
     else:  # a walk takes seconds there
-        ways["MuJoCo, printed robots"] = partial(against_mujoco, 2, max(1, given.turns // 3))
+        comparisons["MuJoCo, printed robots"] = partial(against_mujoco, 2, max(1, arguments.turns // 3))
     compared = {}
-    for name, way in ways.items():
+    for name, compare in comparisons.items():
         print(f"{name} ...", file=sys.stderr)
         before = os.getloadavg()[0]
-        compared[name] = {**way(), "load_average": [round(before, 1), round(os.getloadavg()[0], 1)]}
+        compared[name] = {**compare(), "load_average": [round(before, 1), round(os.getloadavg()[0], 1)]}
     machine = describe()
     del (
         machine["eldir"]["folder"],

@@ -117,8 +117,8 @@ def compile_stub(folder: Path) -> None:
     compiler = shutil.which("cc")
     if compiler is None:
         raise MissingDependencyError("the stub driver needs a C compiler named cc")
-    words: list[str | Path] = [compiler, "-O1", "-shared", "-fPIC", "-o", folder / "libcuda.so", SOURCE]
-    subprocess.run(words, check=True, capture_output=True)
+    command: list[str | Path] = [compiler, "-O1", "-shared", "-fPIC", "-o", folder / "libcuda.so", SOURCE]
+    subprocess.run(command, check=True, capture_output=True)
 
 
 def call(
@@ -139,9 +139,9 @@ def call(
         "TI_OFFLINE_CACHE": "0",
         "QD_OFFLINE_CACHE": "0",
     }
-    words = [sys.executable, "-c", _CHILD, function, arch, json.dumps(arguments)]
+    command = [sys.executable, "-c", _CHILD, function, arch, json.dumps(arguments)]
     ran = subprocess.run(
-        words, env=variables | environment, capture_output=True, text=True, check=False, timeout=max_s
+        command, env=variables | environment, capture_output=True, text=True, check=False, timeout=max_s
     )
     if ran.returncode:
         last = ran.stderr.strip().splitlines()[-1:] or [f"status {ran.returncode}"]
@@ -184,8 +184,8 @@ def assemble(
         if max_registers is not None:
             source = re.sub(r"^\.minnctapersm \d+", f".maxnreg {max_registers}", source, flags=re.MULTILINE)
         code = file.with_suffix(f".sm_{architecture}.cubin")
-        words = [find_tool("ptxas"), "-v", f"-arch=sm_{architecture}", "-o", str(code), "-"]
-        ran = subprocess.run(words, input=source, capture_output=True, text=True, check=False)
+        command = [find_tool("ptxas"), "-v", f"-arch=sm_{architecture}", "-o", str(code), "-"]
+        ran = subprocess.run(command, input=source, capture_output=True, text=True, check=False)
         if ran.returncode:
             raise EldirError(f"ptxas refused {file.name} for sm_{architecture}", found=ran.stderr.strip())
         told = _read_report(ran.stderr)

@@ -15,7 +15,7 @@ import numpy as np
 from benchmarks import by_hand, engine
 from benchmarks.program import Program
 from benchmarks.task import Task, make_task
-from eldir.benchmark.turns import take_turns
+from eldir.benchmark.measurement import time_in_turns
 from eldir.controller import Controller
 from eldir.core.kernels import Precision
 from eldir.core.records import FloatArray
@@ -23,33 +23,34 @@ from eldir.errors import EldirError
 from eldir.scene import Scene
 
 PRECISIONS: tuple[Precision, ...] = ("f32", "f64")
-_SAME = {"losses": 1e-9, "gradients": 1e-6}
+_TOLERANCE_F64 = {"losses": 1e-9, "gradients": 1e-6}
 """Greatest difference in float64: of losses [m], and of gradients relative to their length."""
-_NEAR = {"losses": 1e-6, "gradients": 1e-2}
-"""The same in float32 for the median robot: a few robots are chaotic, and make much of rounding."""
+_TOLERANCE_F32 = {"losses": 1e-6, "gradients": 1e-2}
+"""The same in float32 for the median robot: a few robots are chaotic, and amplify rounding."""
 
 
 def against_c(kind: str, robots: int, turns: int, folder: Path) -> dict[str, Any]:
     """The engine and the C program, one thread each, processor time."""
     task = make_task(kind, robots, 5, Scene.preset("paper"))
-    ways: dict[str, Callable[[], object]] = {}
+    programs: dict[str, Callable[[], object]] = {}
     errors: dict[str, FloatArray] = {}
     for precision in PRECISIONS:
         program = by_hand.compile_program(folder, precision)
-        found = [by_hand.gradient(program, task, i) for i in range(robots)]
-        losses = np.array([loss for loss, _ in found])
-        slopes = _slope_errors(task, [gradient for _, gradient in found])
-        _require(f"C {precision}", losses, task, precision, slopes)
-        ways[f"C {precision}"] = by_hand.learning(program, task)
-        ways[f"engine {precision}"] = engine.learning(task, precision, 1)
+        results = [by_hand.gradient(program, task, i) for i in range(robots)]
+        losses = np.array([loss for loss, _ in results])
+        errors_of_gradients = _gradient_errors(task, [gradient for _, gradient in results])
+        _require(f"C {precision}", losses, task, precision, errors_of_gradients)
+        programs[f"C {precision}"] = by_hand.learning(program, task)
+        programs[f"engine {precision}"] = engine.learning(task, precision, 1)
         errors[f"C {precision}"] = np.abs(losses - task.losses)
         errors[f"engine {precision}"] = np.abs(engine.first_losses(task, precision) - task.losses)
-    seconds = take_turns(ways, turns, time.process_time)
-    return _told(task, seconds, errors, threads=1, clock="processor time", base="C")
+    seconds = time_in_turns(programs, turns, time.process_time)
+    return _summary(task, seconds, errors, threads=1, clock="processor time", base="C")
 
 
 def against_jax(kind: str, robots: int, turns: int, folder: Path) -> dict[str, Any]:
-    """The engine and the scene in JAX, one thread each, processor time. Compiling is told and not counted."""
+    """The engine and the scene in JAX, one thread each, processor time. The time to compile is reported
+    separately."""
     task = make_task(kind, robots, 5, Scene.preset("paper"))
     task.save(folder / "task.npz")
     own = {f"engine {p}": engine.learning(task, p, 1) for p in PRECISIONS}
@@ -58,33 +59,33 @@ def against_jax(kind: str, robots: int, turns: int, folder: Path) -> dict[str, A
     with ExitStack() as programs:
         others = {}
         for precision in PRECISIONS:
-            name, slopes = f"JAX {precision}", folder / f"{precision}.npz"
-            call: list[str | Path] = [sys.executable, script, folder / "task.npz", precision, slopes]
+            name, gradients = f"JAX {precision}", folder / f"{precision}.npz"
+            call: list[str | Path] = [sys.executable, script, folder / "task.npz", precision, gradients]
             others[name] = programs.enter_context(Program(call, folder / f"{precision}.txt"))
-            began = time.perf_counter()
+            start = time.perf_counter()
             _, losses = others[name].turn()  # compiles
-            compiled[name] = round(time.perf_counter() - began, 1)
-            _require(name, losses, task, precision, _slope_errors(task, task.saved_gradients(slopes)))
+            compiled[name] = round(time.perf_counter() - start, 1)
+            _require(name, losses, task, precision, _gradient_errors(task, task.saved_gradients(gradients)))
             errors[name] = np.abs(losses - task.losses)
-        for way in own.values():
-            way()
+        for learn in own.values():
+            learn()
         taken: dict[str, list[float]] = {name: [] for name in (*others, *own)}
         for _ in range(turns):
             for name, program in others.items():
                 taken[name].append(program.turn()[0][1])
-            for name, way in own.items():
+            for name, learn in own.items():
                 spent = time.process_time()
-                way()
+                learn()
                 taken[name].append(time.process_time() - spent)
     seconds = {name: np.array(t) for name, t in taken.items()}
-    told = _told(task, seconds, errors, threads=1, clock="processor time", base="JAX")
-    return told | {"first_turn_s": compiled}
+    summary = _summary(task, seconds, errors, threads=1, clock="processor time", base="JAX")
+    return summary | {"first_turn_s": compiled}
 
 
-def _slope_errors(task: Task, found: Sequence[Controller]) -> FloatArray:
+def _gradient_errors(task: Task, gradients: Sequence[Controller]) -> FloatArray:
     """Error of each robot's gradient, relative to its length."""
-    both = zip(found, task.gradients, strict=True)
-    return np.array([np.linalg.norm(m.flat - e.flat) / np.linalg.norm(e.flat) for m, e in both])
+    pairs = zip(gradients, task.gradients, strict=True)
+    return np.array([np.linalg.norm(m.flat - e.flat) / np.linalg.norm(e.flat) for m, e in pairs])
 
 
 def against_released(code: Path, kind: str, robots: int, turns: int, folder: Path) -> dict[str, Any]:
@@ -106,38 +107,40 @@ def against_released(code: Path, kind: str, robots: int, turns: int, folder: Pat
         _, losses = program.turn()  # compiles
         _require("released", losses, task, "f64")
         errors["released f64"] = np.abs(losses - task.losses)
-        for way in own.values():
-            way()
+        for learn in own.values():
+            learn()
         taken: dict[str, list[tuple[float, float]]] = {name: [] for name in ("released f64", *own)}
         for _ in range(turns):
             taken["released f64"].append(program.turn()[0])
-            for name, way in own.items():
-                began, spent = time.perf_counter(), time.process_time()
-                way()
-                taken[name].append((time.perf_counter() - began, time.process_time() - spent))
+            for name, learn in own.items():
+                start, spent = time.perf_counter(), time.process_time()
+                learn()
+                taken[name].append((time.perf_counter() - start, time.process_time() - spent))
     seconds, processor = ({name: np.array(t)[:, c] for name, t in taken.items()} for c in (0, 1))
-    told = _told(task, seconds, errors, threads=threads, clock="wall clock", base="released")
-    for name, values in _told(task, processor, errors, base="released")["programs"].items():
-        told["programs"][name]["processor_time"] = values
-    return told
+    summary = _summary(task, seconds, errors, threads=threads, clock="wall clock", base="released")
+    for name, values in _summary(task, processor, errors, base="released")["programs"].items():
+        summary["programs"][name]["processor_time"] = values
+    return summary
 
 
 def _require(
-    name: str, losses: FloatArray, task: Task, precision: Precision, slopes: FloatArray | None = None
+    name: str, losses: FloatArray, task: Task, precision: Precision, gradient_errors: FloatArray | None = None
 ) -> None:
-    """Equal results before any time is taken."""
-    for what, error in (("losses", np.abs(losses - task.losses)), ("gradients", slopes)):
+    """Require equal results before times are measured."""
+    for what, error in (("losses", np.abs(losses - task.losses)), ("gradients", gradient_errors)):
         if error is None:
             continue
-        found = float(np.max(error) if precision == "f64" else np.median(error))
-        allowed = (_SAME if precision == "f64" else _NEAR)[what]
-        if not found <= allowed:
+        difference = float(np.max(error) if precision == "f64" else np.median(error))
+        allowed = (_TOLERANCE_F64 if precision == "f64" else _TOLERANCE_F32)[what]
+        if not difference <= allowed:
             raise EldirError(
-                f"{what} of {name} are not the engine's", expected=f"at most {allowed:g}", found=f"{found:g}"
+                f"{what} of {name} differ from those of the engine",
+                expected=f"at most {allowed:g}",
+                found=f"{difference:g}",
             )
 
 
-def _told(
+def _summary(
     task: Task, seconds: Mapping[str, FloatArray], errors: Mapping[str, FloatArray], **settings: Any
 ) -> dict[str, Any]:
     """Settings, raw seconds, and for each program its speed, also relative to the base in the same precision,

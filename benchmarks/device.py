@@ -24,7 +24,7 @@ from benchmarks.limits import launch_kernels
 from eldir.core.files import require_new
 from eldir.core.kernels import compiler_name
 from eldir.core.worker_process import WorkerProcess
-from eldir.engine.batch import BatchResult, run_batch
+from eldir.engine.batch import BatchConfig, BatchResult, run_batch
 from eldir.errors import EldirError
 from eldir.genotype import random_genotypes
 from eldir.lattice import Lattice
@@ -33,7 +33,7 @@ from eldir.morphology import develop
 from eldir.scene import Scene
 
 _STEPS, _UPDATES, _ROBOTS = 60, 3, 24
-_SANITIZER, _MOST_S = "compute-sanitizer", 60
+_SANITIZER, _TIMEOUT_S = "compute-sanitizer", 60
 
 
 def learn(precision: str, steps: int, robots: int, updates: int) -> BatchResult:
@@ -41,7 +41,9 @@ def learn(precision: str, steps: int, robots: int, updates: int) -> BatchResult:
     scene = Scene.preset("paper").replace(steps=steps, precision=precision)
     bodies = [develop(Lattice(), g) for g in random_genotypes(Lattice(), robots, np.random.default_rng(1))]
     brains = initial_controllers(bodies, scene, 1)
-    return run_batch(bodies, brains, scene, iterations=updates, backward=True, update_length=0.1)
+    return run_batch(
+        bodies, brains, scene, config=BatchConfig(iterations=updates, backward=True, update_length=0.1)
+    )
 
 
 def correctness() -> dict[str, float]:
@@ -80,15 +82,15 @@ def races() -> dict[str, str]:
 def learn_in_this_process() -> None:
     """A few steps of a few robots, without a worker process: the tool looks at one."""
     from eldir.engine.batch import device_task, pack
-    from eldir.engine.device.process import _open, _run
-    from eldir.physics import physics_of
+    from eldir.engine.device.process import run_task, start_device
+    from eldir.physics import resolve_physics
 
     scene = Scene.preset("paper").replace(steps=6)
     bodies = [develop(Lattice(), g) for g in random_genotypes(Lattice(), 8, np.random.default_rng(1))]
-    brains, physics = initial_controllers(bodies, scene, 1), physics_of(bodies, scene, None)
+    brains, physics = initial_controllers(bodies, scene, 1), resolve_physics(bodies, scene, None)
     batch = pack(bodies, brains, scene, physics)
-    _open("cuda")
-    _run(device_task(batch, scene, 1, 0.1))
+    start_device("cuda")
+    run_task(device_task(batch, scene, 1, 0.1))
 
 
 def registers() -> list[dict[str, Any]]:
@@ -98,11 +100,11 @@ def registers() -> list[dict[str, Any]]:
         return [{k: v for k, v in kernel._asdict().items() if k != "file"} for kernel in kernels]
 
 
-def _last_line(words: Sequence[str]) -> str:
+def _last_line(command: Sequence[str]) -> str:
     try:
-        ran = subprocess.run(words, capture_output=True, text=True, check=False, timeout=_MOST_S)
+        ran = subprocess.run(command, capture_output=True, text=True, check=False, timeout=_TIMEOUT_S)
     except subprocess.TimeoutExpired:
-        return f"stopped after {_MOST_S} s"
+        return f"stopped after {_TIMEOUT_S} s"
     lines = [line for line in ran.stdout.splitlines() if line.startswith("=========")]
     return lines[-1].strip("= ") if lines else f"status {ran.returncode}: {ran.stderr[-200:]}"
 
@@ -112,28 +114,28 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument("--out", type=Path, required=True, help="new folder for the JSON file and the plot")
     parser.add_argument("--device", default="cuda", choices=("cuda", "vulkan"))
     parser.add_argument("--quick", action="store_true", help="fewer robots")
-    given = parser.parse_args(arguments)
-    os.environ["ELDIR_DEVICE"] = given.device
+    options = parser.parse_args(arguments)
+    os.environ["ELDIR_DEVICE"] = options.device
     from eldir.benchmark.device import measure, plot
-    from eldir.benchmark.result import save, say
+    from eldir.benchmark.measurement import save, say
 
     try:
-        require_new(given.out)
+        require_new(options.out)
         values: dict[str, Any] = {"correctness": correctness()}
         say(f"errors in float64, {_STEPS} steps: {values['correctness']}")
-        values |= measure(given.quick, say)
-        if given.device == "cuda":
+        values |= measure(options.quick, say)
+        if options.device == "cuda":
             values["races"] = races()
             say(f"{values['races']}")
             try:
                 values["kernels"] = registers()
             except EldirError as error:
                 values["kernels"] = str(error)
-        save(given.out, "device", values, plot(values))
+        save(options.out, "device", values, plot(values))
     except EldirError as error:
         print(f"benchmarks.device: {error}", file=sys.stderr)
         return 1
-    print(f"{given.out}/device.json and {given.out}/device.png")
+    print(f"{options.out}/device.json and {options.out}/device.png")
     return 0
 
 

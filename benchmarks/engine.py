@@ -7,25 +7,20 @@ from collections.abc import Callable
 import numpy as np
 
 from benchmarks.task import Task
-from eldir.benchmark.turns import limited_threads
+from eldir.benchmark.measurement import limit_threads
 from eldir.core.kernels import Precision
 from eldir.core.records import FloatArray
-from eldir.engine.batch import BatchResult, prepare
-from eldir.engine.shortcuts import ALL
+from eldir.engine.batch import BatchConfig, BatchResult, prepare
 
 
 def learning(task: Task, precision: Precision, threads: int) -> Callable[[], BatchResult]:
     """A call learns once, with all passes that `eldir.learn` does. Packing is not counted."""
-    with limited_threads(threads):
+    with limit_threads(threads):
         return prepare(
             task.bodies,
             task.controllers,
             task.scene.replace(precision=precision),
-            iterations=task.iterations,
-            backward=True,
-            record=False,
-            shortcuts=ALL,
-            update_length=task.update_length,
+            config=BatchConfig(iterations=task.iterations, backward=True, update_length=task.update_length),
         )
 
 

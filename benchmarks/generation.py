@@ -18,14 +18,14 @@ from types import SimpleNamespace
 import numpy as np
 
 from eldir.controller import Controller
-from eldir.engine.deduplicate import distinct
 from eldir.engine.pack import pack
+from eldir.engine.shortcuts import distinct
 from eldir.engine.stable_step import substeps
 from eldir.evolution.population import Robots
 from eldir.evolution.run_folder import RunFolder
 from eldir.evolution.search import EvolutionConfig, Search
-from eldir.physics import physics_of
-from eldir.training.initial import InitialControllers, keys_of
+from eldir.physics import resolve_physics
+from eldir.training.loop import InitialControllers, make_seed_keys
 
 
 def measure(robots: int, shard: int) -> dict[str, tuple[float, float]]:
@@ -43,7 +43,10 @@ def measure(robots: int, shard: int) -> dict[str, tuple[float, float]]:
         with part("development"):
             bodies = born.morphologies(config.lattice)
         with part("duplicates and steps"):
-            keys, physics = keys_of(len(bodies), born.seeds.tolist()), physics_of(bodies, config.scene, None)
+            keys, physics = (
+                make_seed_keys(len(bodies), born.seeds.tolist()),
+                resolve_physics(bodies, config.scene, None),
+            )
             distinct(bodies, keys, physics)
             substeps(bodies, config.scene, physics)
         with part("initial weights and packing"):
@@ -75,10 +78,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.generation", description=__doc__)
     parser.add_argument("--robots", type=int, default=10_000, help="population, on the paper's lattice")
     parser.add_argument("--shard", type=int, default=1000, help="robots that are packed together")
-    given = parser.parse_args()
-    spent = measure(given.robots, given.shard)
+    arguments = parser.parse_args()
+    spent = measure(arguments.robots, arguments.shard)
     spent["all"] = sum(s[0] for s in spent.values()), sum(s[1] for s in spent.values())
-    print(f"| {given.robots} robots | by the clock [s] | processor [s] |\n| --- | --- | --- |")
+    print(f"| {arguments.robots} robots | by the clock [s] | processor [s] |\n| --- | --- | --- |")
     for name, (clock, processor) in spent.items():
         print(f"| {name} | {clock:.2f} | {processor:.2f} |")
 

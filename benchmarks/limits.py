@@ -75,8 +75,8 @@ def seconds(kernel: AssembledKernel, work: Work, gpu: Gpu = H100) -> dict[str, f
     its barriers and results, with all numbers in L1 or all in L2."""
     every = read_loops(kernel)
     body = step_loops(every)[work.loop] if work.steps else every
-    wanted = max(0.0, work.loads / kernel.threads - body.numbers)
-    rounds = _rounds(body, wanted)
+    required_loads = max(0.0, work.loads / kernel.threads - body.numbers)
+    rounds = _rounds(body, required_loads)
     parts = [(body, 1.0), *((loop, rounds) for loop in [*body.walk()][1:] if loop.numbers)]
 
     def total(counted: Mapping[int, float]) -> float:
@@ -99,12 +99,12 @@ def seconds(kernel: AssembledKernel, work: Work, gpu: Gpu = H100) -> dict[str, f
     return {name: time * max(work.steps, 1) for name, time in zip(LIMITS, each, strict=True)}
 
 
-def _rounds(body: Loop, wanted: float) -> float:
+def _rounds(body: Loop, required_loads: float) -> float:
     """Rounds of each inner loop that loads numbers, so that a thread loads as many as wanted in all of them.
 
     An unrolled loop and its remainder count alike: the result is a mean of both."""
     loaded = sum(loop.numbers for loop in [*body.walk()][1:])
-    return wanted / loaded if loaded else 0.0
+    return required_loads / loaded if loaded else 0.0
 
 
 def table(works: Sequence[tuple[AssembledKernel, Work]], gpu: Gpu = H100) -> Iterator[str]:
@@ -179,7 +179,7 @@ def _zeros(record: Any, real: Any, contact: int) -> Any:
             return _zeros(hint, real, contact)
         kind = get_args(hint)[1]
         arrays = {"i32[]": np.int32, "real[]": real}
-        constants = {"contact": contact, "staggered": 0, "physical": 0}
+        constants = {"contact": contact, "staggered": 0, "physics_gradients": 0}
         return np.zeros(64, arrays[kind]) if kind in arrays else constants.get(name, 1)
 
     hints = get_type_hints(record, include_extras=True)
@@ -188,8 +188,8 @@ def _zeros(record: Any, real: Any, contact: int) -> Any:
 
 def launch_kernels(compiler: str, folder: Path, threads: int = 128, friction: bool = False) -> list[Launch]:
     """Transpose, forward, reverse, update, as a compiler writes them. Raises: EldirError."""
-    made = launch_on_stub("benchmarks.limits:launch", threads, friction, compiler=compiler, folder=folder)
-    return [one for one in made if one.kernel.startswith("launch_") and one.kernel.endswith("range_for")]
+    launches = launch_on_stub("benchmarks.limits:launch", threads, friction, compiler=compiler, folder=folder)
+    return [one for one in launches if one.kernel.startswith("launch_") and one.kernel.endswith("range_for")]
 
 
 MEAN_ROBOT = {"masses": 83, "motors": 82, "cells": 115}

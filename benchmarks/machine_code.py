@@ -75,8 +75,8 @@ class Loop(NamedTuple):
 
 @cache
 def _disassemble(file: Path) -> str:
-    words = [find_tool("nvdisasm"), "-c", "-ndf", str(file)]
-    return subprocess.run(words, check=True, capture_output=True, text=True).stdout
+    command = [find_tool("nvdisasm"), "-c", "-ndf", str(file)]
+    return subprocess.run(command, check=True, capture_output=True, text=True).stdout
 
 
 _INSTRUCTION = re.compile(r"\s+/\*[0-9a-f]+\*/\s+(?:@!?U?P\w+\s+)?([A-Z]\S*)\s*(.*?)\s*;")

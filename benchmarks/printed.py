@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from eldir.benchmark.built import Walker, walkers
-from eldir.benchmark.turns import limited_threads, take_turns
+from eldir.benchmark.measurement import limit_threads, time_in_turns
 from eldir.built.gait import free_lengths
 from eldir.built.robot import build
 from eldir.built.walking import displacements
@@ -20,13 +20,13 @@ from eldir.errors import EldirError
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
-from eldir_cad.kit.defaults import PRINTER
+from eldir_cad.kit import PRINTER
 from eldir_cad.kit.printer import load_printer
 from eldir_cad.kit.specification import load_specification
-from eldir_cad.multibody.model import Numerics, multibody
-from eldir_calibration.transfer.mujoco_walks import FINE, measured_walk
+from eldir_cad.multibody.model import Numerics, build_multibody
+from eldir_calibration.transfer.mujoco_walks import FINE_NUMERICS, measure_walk
 
-_STEPS = {"MuJoCo, 0.33 ms (rig)": Numerics(), "MuJoCo, 0.1 ms (transfer)": FINE}
+_STEPS = {"MuJoCo, 0.33 ms (rig)": Numerics(), "MuJoCo, 0.1 ms (transfer)": FINE_NUMERICS}
 _CYCLES = 1
 
 
@@ -36,16 +36,16 @@ def against_mujoco(robots: int, turns: int) -> dict[str, Any]:
     chosen = walkers()[:robots]
     seconds: dict[str, FloatArray] = {}
     walks: dict[str, list[float]] = {}
-    with limited_threads(1):
+    with limit_threads(1):
         for robot in chosen:
-            found: dict[str, float] = {}
-            ways = {name: partial(_kept, found, name, way) for name, way in _ways(robot).items()}
-            for name, spent in take_turns(ways, turns, time.process_time).items():
+            walked: dict[str, float] = {}
+            ways = {name: partial(_store, walked, name, walk) for name, walk in _ways(robot).items()}
+            for name, spent in time_in_turns(ways, turns, time.process_time).items():
                 seconds[name] = seconds.get(name, np.zeros(turns)) + spent
-                walks.setdefault(name, []).append(found[name])
-            if not np.isfinite(list(found.values())).all():
+                walks.setdefault(name, []).append(walked[name])
+            if not np.isfinite(list(walked.values())).all():
                 raise EldirError(
-                    "a robot falls", expected="robots that walk in all programs", found=str(found)
+                    "a robot falls", expected="robots that walk in all programs", found=str(walked)
                 )
     base = "engine, hubs"
     return {
@@ -67,8 +67,8 @@ def against_mujoco(robots: int, turns: int) -> dict[str, Any]:
     }
 
 
-def _kept(found: dict[str, float], name: str, way: Callable[[], float]) -> None:
-    found[name] = way()
+def _store(walked: dict[str, float], name: str, walk: Callable[[], float]) -> None:
+    walked[name] = walk()
 
 
 def _ways(robot: Walker) -> dict[str, Callable[[], float]]:
@@ -78,14 +78,14 @@ def _ways(robot: Walker) -> dict[str, Callable[[], float]]:
     free = springs.cold_length, springs.hot_length
     printed = BuiltParameters()
     pins, hubs = (build(robot.body, RobotParameters(p)) for p in (printed, printed.with_hubs()))
-    model = multibody(robot.body, load_specification(), load_printer(PRINTER))
+    model = build_multibody(robot.body, load_specification(), load_printer(PRINTER))
 
     def in_the_engine(built: Any) -> float:
         return float(displacements([built], [table], _CYCLES, free)[0])
 
     def in_mujoco(numerics: Numerics) -> float:
         finer = replace(model, numerics=numerics)
-        return measured_walk(finer, robot.body, table, _CYCLES, springs).displacement
+        return measure_walk(finer, robot.body, table, _CYCLES, springs).displacement
 
     return {
         "engine, hubs": partial(in_the_engine, hubs),

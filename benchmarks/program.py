@@ -18,9 +18,9 @@ class Program:
     """`call` starts it; it reads a line, does the task, and answers in a line: seconds by
     the clock, of processor time, and the first losses."""
 
-    def __init__(self, call: Sequence[str | Path], said: Path):
-        self._said = said
-        with said.open("w") as errors:
+    def __init__(self, call: Sequence[str | Path], output: Path):
+        self._output = output
+        with output.open("w") as errors:
             self._process = subprocess.Popen(
                 list(map(str, call)), stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors, text=True
             )
@@ -44,7 +44,7 @@ class Program:
         except BrokenPipeError:
             line = ""
         if not line:
-            last = self._said.read_text().strip().splitlines()[-1:]
-            raise EldirError("a program ended before its answer", found=" ".join(last) or "nothing said")
+            last = self._output.read_text().strip().splitlines()[-1:]
+            raise EldirError("a program ended before its answer", found=" ".join(last) or "no output")
         seconds, spent, losses = json.loads(line)
         return (seconds, spent), np.array(losses)

@@ -31,11 +31,11 @@ def main() -> int:
     parser.add_argument("--seeds", type=int, nargs="+", default=[101, 102, 103, 104, 105], help="of the rigs")
     parser.add_argument("--far", action="store_true", help="parameters that are 10 to 50 % off")
     parser.add_argument("--processes", type=int, default=1, help="films at the same time")
-    given = parser.parse_args()
+    arguments = parser.parse_args()
     try:
-        require_new(given.out)
-        tasks = [(design, seed, given.far) for design in given.designs for seed in given.seeds]
-        with new_folder(given.out) as draft, ThreadPoolExecutor(given.processes) as pool:
+        require_new(arguments.out)
+        tasks = [(design, seed, arguments.far) for design in arguments.designs for seed in arguments.seeds]
+        with new_folder(arguments.out) as draft, ThreadPoolExecutor(arguments.processes) as pool:
             films = list(pool.map(lambda task: filmed(*task), tasks))
             (draft / "rigs.json").write_text(json.dumps(films, indent=1) + "\n")
             (draft / "rigs.md").write_text(table(films))
@@ -59,7 +59,7 @@ def filmed(design: Path, seed: int, far: bool) -> dict[str, Any]:
         _run("rig", "drive", "schedule.json", "--rig", "rig.yaml", "--log", "log.mcap", here=here)
         said = _run("report", "log.mcap", "--design", "design.json", "--out", "report", "--json", here=here)
     report = json.loads(said)
-    told = {
+    result = {
         "design": f"{design.parent.name}/{design.name}",
         "rig": seed,
         "parameter_spread": "large" if far else "small",
@@ -67,14 +67,14 @@ def filmed(design: Path, seed: int, far: bool) -> dict[str, Any]:
         "interval": report["body_lengths_per_5_cycles_interval"]["predicted"],
         "filmed": report["body_lengths_per_5_cycles"]["tracked"],
     }
-    print(json.dumps(told), file=sys.stderr, flush=True)
-    return told
+    print(json.dumps(result), file=sys.stderr, flush=True)
+    return result
 
 
-def _run(*words: str, here: Path) -> str:
-    done = subprocess.run([*_ELDIR, *words], cwd=here, capture_output=True, text=True, check=False)
+def _run(*command: str, here: Path) -> str:
+    done = subprocess.run([*_ELDIR, *command], cwd=here, capture_output=True, text=True, check=False)
     if done.returncode:
-        raise EldirError(f"eldir {' '.join(words)} failed", found=done.stderr.strip())
+        raise EldirError(f"eldir {' '.join(command)} failed", found=done.stderr.strip())
     return done.stdout
 
 

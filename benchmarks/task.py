@@ -7,15 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
-from eldir.benchmark.populations import POPULATIONS
+from eldir.benchmark.measurement import POPULATIONS
 from eldir.controller import Controller
 from eldir.core.records import FloatArray
 from eldir.engine.pack import place
 from eldir.morphology import Bodies, Morphology
 from eldir.rollout import loss_and_gradient
 from eldir.scene import Scene
-from eldir.training.configuration import Training
-from eldir.training.initial import initial_controllers
+from eldir.training.configuration import TrainingConfig
+from eldir.training.loop import initial_controllers
 
 _WEIGHTS = ("w1", "b1", "w2", "b2")
 
@@ -35,7 +35,7 @@ class Task:
 
     @property
     def update_length(self) -> float:
-        return Training.of(self.scene).update_length
+        return TrainingConfig.of(self.scene).update_length
 
     def start(self, i: int) -> FloatArray:
         """Positions of a robot's masses after placement on the ground [m], shape (M, 2)."""

@@ -1,13 +1,13 @@
 from . import built as built
 from .controller import Controller as Controller
 from .design import Design as Design
+from .design import marked_masses as marked_masses
 from .evolution.loop import evolve as evolve
 from .evolution.search import EvolutionConfig as EvolutionConfig
 from .genotype import Genotype as Genotype
 from .genotype import random_genotypes as random_genotypes
 from .lattice import Lattice as Lattice
 from .learning import learn as learn
-from .marks import marked_masses as marked_masses
 from .morphology import Morphology as Morphology
 from .morphology import develop as develop
 from .rollout import loss_and_gradient as loss_and_gradient

@@ -63,7 +63,7 @@ class HazardError(EldirError):
 
 
 class InputError(EldirError):
-    """An argument, an option or a file is wrong."""
+    """An argument, an option or a file is invalid."""
 
     code = "input"
 
@@ -105,9 +105,9 @@ def empty(path: object, expected: str, remedy: str | None = None) -> InputError:
     return InputError(problem, code="file.empty", expected=expected, found="0 bytes", remedy=remedy)
 
 
-def blown_up(what: str) -> EldirError:
+def divergence_error(what: str) -> EldirError:
     """The error for a simulation that diverged."""
-    return EldirError(f"{what} blew up", code="motion.blown-up", remedy="choose another design or seed")
+    return EldirError(f"{what} diverged", code="motion.blown-up", remedy="choose another design or seed")
 
 
 def _reason(error: Exception | str) -> str:

@@ -12,7 +12,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import PlainSerializer, PlainValidator, WithJsonSchema
 
-from eldir.core.arguments import whole_number
+from eldir.core.arguments import require_whole_number
 from eldir.core.records import BoolArray, IntArray, Record
 from eldir.lattice import Lattice
 
@@ -67,7 +67,7 @@ def random_genotypes(
     `max_active` bounds the active springs of the expressed body (two for building). Raises `InputError` for
     `n` or `max_active` below 1.
     """
-    whole_number("n", n, 1)
+    require_whole_number("n", n, 1)
     triangles = rng.random((n, lattice.rows, lattice.columns)) < 0.5
     while (empty := ~triangles.any(axis=(1, 2))).any():  # happens on tiny lattices
         triangles[empty] = rng.random((int(empty.sum()), lattice.rows, lattice.columns)) < 0.5
@@ -116,7 +116,7 @@ def repair_springs(
     active. Bits of springs that the body does not have stay as they are.
     """
     if max_active is not None:
-        whole_number("max_active", max_active, 1)
+        require_whole_number("max_active", max_active, 1)
     expressed = lattice.expressed_springs(triangles)
     active = springs & expressed
     count = active.sum(axis=1)

@@ -12,7 +12,7 @@ from eldir.core.records import BoolArray, FloatArray, IntArray, Record, record
 
 HALF_SIDE = 0.025
 """Half the side of a triangle, in simulation [m]."""
-LARGEST = 500
+MAX_SIDE = 500
 """Rows and columns at most; the paper has 13 and 22. What a lattice needs grows with their product."""
 CLEARANCE = np.array([0.025, 0.1])
 """Least x and least y of a body that is placed on the ground [m]; the ground is at y = 0.1."""
@@ -28,9 +28,9 @@ class Lattice(Record):
 
     OPTIONAL = frozenset[str]()
 
-    rows: Annotated[int, Field(ge=1, le=LARGEST)] = 13
+    rows: Annotated[int, Field(ge=1, le=MAX_SIDE)] = 13
     """Number of rows of triangles."""
-    columns: Annotated[int, Field(ge=1, le=LARGEST)] = 22
+    columns: Annotated[int, Field(ge=1, le=MAX_SIDE)] = 22
     """Number of columns of triangles."""
 
     @cached_property

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from eldir.core.arguments import require_known, require_number, require_shape, require_value
+from eldir.core.arguments import require_count, require_known, require_shape, require_value
 from eldir.core.records import FloatArray, Record
 from eldir.morphology import Morphology
 from eldir.scene import Scene
@@ -47,7 +47,7 @@ class Physics(Record):
     @classmethod
     def of(cls, body: Morphology, scene: Scene) -> Physics:
         """The parameters of this scene and this body."""
-        return physics_of([body], scene, None)[0]
+        return resolve_physics([body], scene, None)[0]
 
     def scaled(self, factor: float) -> Physics:
         """A copy with every value multiplied by a factor."""
@@ -66,7 +66,7 @@ class Physics(Record):
 _NAMES = tuple(f.name for f in fields(Physics))
 
 
-def physics_of(
+def resolve_physics(
     morphologies: Sequence[Morphology], scene: Scene, physics: Sequence[Physics] | None
 ) -> list[Physics]:
     """One record for every robot: the given ones after a check of their shapes, or those of the scene and the
@@ -81,13 +81,13 @@ def physics_of(
             )
             for m in morphologies
         ]
-    require_number("physics", len(physics), len(morphologies))
+    require_count("physics", len(physics), len(morphologies))
     for i, (own, body) in enumerate(zip(physics, morphologies, strict=True)):
-        _check(i, own, body, scene)
+        _check_values(i, own, body, scene)
     return list(physics)
 
 
-def _check(i: int, own: Physics, body: Morphology, scene: Scene) -> None:
+def _check_values(i: int, own: Physics, body: Morphology, scene: Scene) -> None:
     remedy = "start from Physics.of(body, scene)"
     for key, wanted in (("stiffness", (len(body.springs),)), ("velocities", body.positions.shape)):
         require_shape(f"Physics.{key} of robot {i}", getattr(own, key).shape, wanted, remedy=remedy)

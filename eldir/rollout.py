@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 
 from eldir.controller import Controller
-from eldir.core.arguments import require_number, require_value
+from eldir.core.arguments import require_count, require_value
 from eldir.core.records import FloatArray, Record
-from eldir.engine.deduplicate import distinct
-from eldir.engine.stable_step import divided, substeps
+from eldir.engine.shortcuts import distinct
+from eldir.engine.stable_step import subdivide_steps, substeps
 from eldir.morphology import Morphology
-from eldir.physics import Physics, physics_of
+from eldir.physics import Physics, resolve_physics
 from eldir.scene import Scene
 
-FINE, REFUSED = -1, -2
+OK, REFUSED = -1, -2
 """Status of a robot that completed all steps, and of one for which the scene's step is too large."""
 _BATCH_VALUES = 2**28  # recorded by one call: 1 GB in float32
 
@@ -33,9 +33,9 @@ class Rollout(Record):
     activations: FloatArray
     """Activations of the active springs, from -1 to 1, in spring order, shape (T, A)."""
     loss: float
-    """Minus the mean forward displacement [m]; infinite where the robot blew up."""
+    """Minus the mean forward displacement [m]; infinite where the robot diverged."""
     status: int
-    """`FINE` (-1), the step at which the robot blew up, or `REFUSED` (-2) if the scene's step is too large
+    """`OK` (-1), the step at which the robot diverged, or `REFUSED` (-2) if the scene's step is too large
     for it (`eldir.engine.stable_step`). Later states are NaN."""
 
 
@@ -53,29 +53,31 @@ def simulate(
     from eldir.engine import batch
 
     scene.require_controller()
-    check(morphologies, controllers)
-    owns = physics_of(morphologies, scene, physics)
+    check_controllers(morphologies, controllers)
+    owns = resolve_physics(morphologies, scene, physics)
     first, which = distinct(morphologies, controllers, owns)
     if len(first) < len(which):
-        bodies, brains, own = chosen_of(first, morphologies, controllers, owns)
+        bodies, brains, own = select_from(first, morphologies, controllers, owns)
         rollouts = simulate(bodies, brains, scene, own)
         return [rollouts[k] for k in which]
-    rollouts = [_refused(m, scene) for m in morphologies]
-    for parts, chosen in by_substeps(morphologies, scene, owns):
-        finer = divided(scene, parts)
-        bodies, brains, own = chosen_of(chosen, morphologies, controllers, owns)
-        for part in fitting_memory(bodies, finer.steps):
-            outcome = batch.run_batch(bodies[part], brains[part], finer, own[part], record=True)
-            for r, blown in enumerate(outcome.status):
+    rollouts = [_refused_rollout(m, scene) for m in morphologies]
+    for parts, chosen in group_by_substeps(morphologies, scene, owns):
+        finer = subdivide_steps(scene, parts)
+        bodies, brains, own = select_from(chosen, morphologies, controllers, owns)
+        for part in split_by_memory(bodies, finer.steps):
+            outcome = batch.run_batch(
+                bodies[part], brains[part], finer, own[part], config=batch.BatchConfig(record=True)
+            )
+            for r, diverged in enumerate(outcome.status):
                 x, v, a = outcome.states(r)
-                if blown != FINE:
-                    x[blown + 1 :] = v[blown + 1 :] = a[blown + 1 :] = np.nan
-                loss, status = float(outcome.losses[r, 0]), in_steps(blown, parts)
+                if diverged != OK:
+                    x[diverged + 1 :] = v[diverged + 1 :] = a[diverged + 1 :] = np.nan
+                loss, status = float(outcome.losses[r, 0]), scene_step(diverged, parts)
                 rollouts[chosen[part.start + r]] = Rollout(x[::parts], v[::parts], a[::parts], loss, status)
     return rollouts
 
 
-def by_substeps(
+def group_by_substeps(
     morphologies: Sequence[Morphology], scene: Scene, physics: Sequence[Physics]
 ) -> Iterator[tuple[int, list[int]]]:
     """Number of parts into which steps are divided, and the robots that it applies to; without refused
@@ -85,17 +87,17 @@ def by_substeps(
         yield int(parts), np.flatnonzero(counts == parts).tolist()
 
 
-def chosen_of(chosen: Sequence[int], *all_of: Sequence[Any]) -> list[list[Any]]:
+def select_from(chosen: Sequence[int], *all_of: Sequence[Any]) -> list[list[Any]]:
     """The same elements of several sequences."""
     return [[one[i] for i in chosen] for one in all_of]
 
 
-def in_steps(blown: int, parts: int) -> int:
-    """The scene's step in which a robot blew up."""
-    return int(blown) // parts if blown != FINE else FINE
+def scene_step(diverged: int, parts: int) -> int:
+    """The scene's step in which a robot diverged."""
+    return int(diverged) // parts if diverged != OK else OK
 
 
-def _refused(body: Morphology, scene: Scene) -> Rollout:
+def _refused_rollout(body: Morphology, scene: Scene) -> Rollout:
     states = np.full((scene.steps + 1, len(body.positions), 2), np.nan)
     return Rollout(states, states, np.full((scene.steps, body.motors), np.nan), np.inf, REFUSED)
 
@@ -108,32 +110,34 @@ def loss_and_gradient(
 ) -> tuple[FloatArray, list[Controller]]:
     """Losses, shape (n,), and for every robot the gradient of its loss, shaped as its controller.
 
-    A robot that blew up or was refused has an infinite loss and a gradient of zero. Raises `EldirError`
+    A robot that diverged or was refused has an infinite loss and a gradient of zero. Raises `EldirError`
     if the step is too large for all robots.
     """
     from eldir.engine import batch
 
     scene.require_controller()
-    check(morphologies, controllers)
+    check_controllers(morphologies, controllers)
     if not morphologies:
         return np.zeros(0), []
-    owns = physics_of(morphologies, scene, physics)
+    owns = resolve_physics(morphologies, scene, physics)
     first, which = distinct(morphologies, controllers, owns)
     if len(first) < len(which):
-        bodies, brains, own = chosen_of(first, morphologies, controllers, owns)
+        bodies, brains, own = select_from(first, morphologies, controllers, owns)
         some = loss_and_gradient(bodies, brains, scene, own)
         return some[0][which], [some[1][k] for k in which]
     losses, gradients = np.full(len(morphologies), np.inf), [b.scaled(0.0) for b in controllers]
-    for parts, chosen in by_substeps(morphologies, scene, owns):
-        bodies, brains, own = chosen_of(chosen, morphologies, controllers, owns)
-        outcome = batch.run_batch(bodies, brains, divided(scene, parts), own, backward=True)
+    for parts, chosen in group_by_substeps(morphologies, scene, owns):
+        bodies, brains, own = select_from(chosen, morphologies, controllers, owns)
+        outcome = batch.run_batch(
+            bodies, brains, subdivide_steps(scene, parts), own, config=batch.BatchConfig(backward=True)
+        )
         losses[chosen] = outcome.losses[:, 0]
         for i, gradient in zip(chosen, outcome.batch.controllers(outcome.best), strict=True):
             gradients[i] = gradient
     return losses, gradients
 
 
-def fitting_memory(morphologies: Sequence[Morphology], steps: int) -> Iterator[slice]:
+def split_by_memory(morphologies: Sequence[Morphology], steps: int) -> Iterator[slice]:
     """Consecutive robots whose states fit into memory."""
     first, values = 0, 0
     for i, body in enumerate(morphologies):
@@ -146,8 +150,10 @@ def fitting_memory(morphologies: Sequence[Morphology], steps: int) -> Iterator[s
         yield slice(first, len(morphologies))
 
 
-def check(morphologies: Sequence[Morphology], controllers: Sequence[Controller]) -> None:
-    require_number("controllers", len(controllers), len(morphologies))
+def check_controllers(morphologies: Sequence[Morphology], controllers: Sequence[Controller]) -> None:
+    """Raise `InputError` unless there is one controller of the right shape, with finite weights, for each
+    robot."""
+    require_count("controllers", len(controllers), len(morphologies))
     for i, (body, brain) in enumerate(zip(morphologies, controllers, strict=True)):
         brain.require_fit(f"controller {i}", len(body.positions), body.motors)
         finite = all(np.isfinite(w).all() for w in (brain.w1, brain.b1, brain.w2, brain.b2))

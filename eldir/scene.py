@@ -48,7 +48,7 @@ class _ForError:
 @record
 class Scene(Record):
     """Physics, terrain, controller and precision of a simulation. `docs/decisions/0001` explains how the
-    presets differ. How controllers are taught is in `eldir.training.configuration.Training`."""
+    presets differ. How controllers are trained is in `eldir.training.configuration.TrainingConfig`."""
 
     OPTIONAL = frozenset({"built", "large_step", "integrator", "window"})
     """What older files lack."""
@@ -60,7 +60,7 @@ class Scene(Record):
     contact: Contact = "no-slip"
     """Contact of a mass with the ground. "no-slip": the mass sticks. "friction": it slips by the paper's
     rule. "friction-released": the same as in the released code, which reads the ground out of bounds left of
-    x = 0. "none": free flight. "coulomb": Coulomb's law, for the built robot."""
+    x = 0. "none": free flight. "coulomb": Coulomb's law, for the printed robot."""
     steps: Annotated[int, Field(ge=1, le=10**8)] = 999
     """Number of steps; a rollout has one more state."""
     dt: Annotated[float, Field(gt=0, le=1e9)] = 0.004
@@ -83,17 +83,17 @@ class Scene(Record):
     window: Annotated[int, Field(ge=1)] | None = None
     """Number of steps over which gradients are traced back. The loss is then the sum of the displacements in
     windows of this length, and the state at the start of each window counts as constant. None: all steps, as
-    in the paper. The window belongs to the scene, not to `Training`: it defines the objective whose gradient
-    `loss_and_gradient` returns."""
+    in the paper. The window belongs to the scene, not to `TrainingConfig`: it defines the objective whose
+    gradient `loss_and_gradient` returns."""
     precision: Precision = PRECISION
-    """Floating-point precision of the simulation; the built robot requires f64."""
+    """Floating-point precision of the simulation; the printed robot requires f64."""
     integrator: Integrator = "paper"
     """"paper": as in the paper. "matched": gravity is matched to the exponential damping, which makes the
     speed of a long fall exact. "second-order": forces are matched too (docs/reference/accuracy.md)."""
     large_step: LargeStep = "refuse"
     """Treatment of a robot whose largest stable step (`eldir.engine.stable_step`) is smaller than `dt`.
     "refuse": it is not simulated, and its status says so. "subdivide": every step is divided into as many
-    equal parts as are needed. "run": it is simulated all the same, and may blow up."""
+    equal parts as are needed. "run": it is simulated all the same, and may diverge."""
     built: Annotated[BuiltParameters | None, OMITTED] = None
     """Parameters of the printed robot. It has no controller: `eldir.built.motion.drive` moves it by the free
     lengths of its motors at `steps` + 1 instants, `dt` apart. Its gravity, drag and tension are the scene's
@@ -108,14 +108,14 @@ class Scene(Record):
         require_value(
             "Scene.built",
             (self.built is not None) == (self.contact == "coulomb"),
-            "built parameters where Scene.contact is 'coulomb', and only there",
+            "parameters of the printed robot if and only if Scene.contact is 'coulomb'",
             f"contact {self.contact!r}",
             "start from Scene.preset('built')",
         )
         if self.built is not None:
-            require_value("Scene.terrain", flat, "the built robot's flat table", "ground that is not flat")
+            require_value("Scene.terrain", flat, "flat ground for the printed robot", "rugged ground")
             double = self.precision == "f64"
-            require_value("Scene.precision", double, "'f64' for the built robot", repr(self.precision))
+            require_value("Scene.precision", double, "'f64' for the printed robot", repr(self.precision))
             for ours, theirs in _SHARED.items():
                 value, wanted = getattr(self, ours), getattr(self.built, theirs)
                 expected = f"{wanted!r} as Scene.built.{theirs}"
@@ -134,7 +134,7 @@ class Scene(Record):
         exact = float(-np.expm1(-damping * self.dt)) / damping if damping > 0 else self.dt
         return self._scheme(decay, self.dt, exact)
 
-    def scheme_slope(self, damping: float) -> Scheme:
+    def scheme_derivative(self, damping: float) -> Scheme:
         """The derivatives of `scheme_at` with respect to the damping."""
         x = damping * self.dt
         decay = -self.dt * float(np.exp(-x))
@@ -173,28 +173,28 @@ class Scene(Record):
         )
 
     def require_controller(self) -> None:
-        """Raise `InputError` for a built scene, which has no controller."""
+        """Raise `InputError` for the scene of a printed robot, which has no controller."""
         if self.built is not None:
             raise InputError(
                 f"the scene {self.name!r} has no controller",
                 code="scene.no-controller",
                 expected="a scene in which robots act, such as 'paper'",
-                remedy="move a built robot by free lengths: eldir.built.build, then eldir.built.drive",
+                remedy="move a printed robot by free lengths: eldir.built.build, then eldir.built.drive",
             )
 
     def replace(self, **changes: Any) -> Scene:
         """The same scene with some fields changed. Rugged terrain sets the contact to "friction", and values
         that the scene shares with its built robot change in both. Raises `InputError` for a field that a
-        scene does not have, and for a wrong value."""
+        scene does not have, and for an invalid value."""
         known = {f.name for f in fields(self)}
         for key in changes:
             if key in TRAINING_FIELDS:
                 raise InputError(
-                    f"{key} is no field of a scene: it belongs to the training",
+                    f"unknown field {key} of a scene: it belongs to the training",
                     code="scene.training-field",
-                    expected=f"eldir.training.configuration.Training({key}=...)",
+                    expected=f"eldir.training.configuration.TrainingConfig({key}=...)",
                     found=f"Scene.replace({key}=...)",
-                    remedy="give it as learn(..., training=...) or as Evolution(training=...)",
+                    remedy="give it as learn(..., training=...) or as EvolutionConfig(training=...)",
                 )
             require_known("field of a scene", key, sorted(known))
         terrain = changes.get("terrain")
@@ -231,9 +231,9 @@ _PRESETS: dict[str, dict[str, Any]] = {
     },
 }
 TRAINING_FIELDS = ("optimiser", "update_length", "jump_threshold")
-"""Former fields of a scene, now in `eldir.training.configuration.Training`; older files still hold them."""
+"""Former fields of a scene, which older files hold; now in `eldir.training.configuration.TrainingConfig`."""
 _STEPS_MEASURED_AT = 3e4  # stiffness [N/m]
-_LARGEST_STEPS = ((3e-3, 1.6e-3), (1e-3, 8e-4), (3e-4, 3.2e-4), (1e-4, 1e-4), (4e-5, 5e-5))
+_MAX_STEPS = ((3e-3, 1.6e-3), (1e-3, 8e-4), (3e-4, 3.2e-4), (1e-4, 1e-4), (4e-5, 5e-5))
 """Error [m], and the second-order scheme's step [s] at which nine robots in ten stay well below it."""
 _SHARED = {"gravity": "gravity", "damping": "drag", "stiffness": "tension"}
 """Fields of a scene and of its built robot that mean the same."""
@@ -244,6 +244,6 @@ def largest_step(error: float, stiffness: float) -> float:
     `error` [m] (root mean square over masses) of the exact motion after one second, as `eldir benchmark
     accuracy` measured it. Springs stiffer than the paper's need shorter steps; `stiffness` in N/m.
     """
-    steps = [step for least, step in _LARGEST_STEPS if least <= error]
-    require_value("error", steps, f"at least {_LARGEST_STEPS[-1][0]:g} m", f"{error:g}")
+    steps = [step for least, step in _MAX_STEPS if least <= error]
+    require_value("error", steps, f"at least {_MAX_STEPS[-1][0]:g} m", f"{error:g}")
     return steps[0] * min(1.0, float(np.sqrt(_STEPS_MEASURED_AT / stiffness)))

@@ -94,7 +94,7 @@ def picture(design: Design) -> bytes:
 
 def frames(design: Design, rollout: Rollout, rate: int) -> Iterator[np.ndarray]:
     """RGB frames (height, width, 3) uint8 of a rollout, `rate` a second of simulated time; a robot
-    that blew up is shown until then."""
+    that diverged is shown until then."""
     drawing = Drawing(design, rollout.positions)
     start = rollout.positions[0, :, 0].mean()
     duration = (len(rollout.positions) - 1) * design.scene.dt

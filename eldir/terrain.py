@@ -15,9 +15,9 @@ GROUND = 0.1
 _LENGTH = (0.02, 0.07)  # of a segment [m]
 _SLOPE = (-0.5, 0.5)
 _END = 1.25  # where the rugged part stops [m]
-_CEILING = 0.5  # the ground stays between 0 and this height [m]
-_STEEPEST = 0.49  # at least 1 % of the slopes then rise, and 1 % fall
-_DRAWS = 10_000  # for one segment: with a sound generator, as good as never all in vain
+_MAX_HEIGHT = 0.5  # the ground stays between 0 and this height [m]
+_MAX_TILT = 0.49  # at least 1 % of the slopes then rise, and 1 % fall
+_MAX_SAMPLES = 10_000  # for one segment: with a sound generator one of them fits
 _DECLINE_START = 0.4  # a descent from 0.1 m would have no room [m]
 
 
@@ -58,17 +58,17 @@ class Terrain(Record):
     def rugged(cls, rng: np.random.Generator, tilt: float = 0.0) -> Terrain:
         """Random rugged ground from x = 0 to 1.25 m, between heights 0 and 0.5 m; level before and behind.
 
-        `tilt` is the mean slope that segments are drawn with, from -0.49 to 0.49: 0.2 rises, 0 is level, -0.2
+        `tilt` is the mean slope of the sampled segments, from -0.49 to 0.49: 0.2 rises, 0 is level, -0.2
         falls (from 0.4 m). With a steeper one no segment might fit between the heights any more. Raises
         `InputError`.
         """
         remedy = "a steeper plane is Terrain.from_segments with one segment"
-        expected = f"{-_STEEPEST} to {_STEEPEST}"
-        require_value("tilt", -_STEEPEST <= tilt <= _STEEPEST, expected, tilt, remedy)
+        expected = f"{-_MAX_TILT} to {_MAX_TILT}"
+        require_value("tilt", -_MAX_TILT <= tilt <= _MAX_TILT, expected, tilt, remedy)
         x, y = 0.0, _DECLINE_START if tilt < 0 else GROUND
         x0, slope, intercept = [], [], []
         while x < _END:
-            length, m = _drawn_segment(rng, tilt, y)
+            length, m = _sample_segment(rng, tilt, y)
             x0.append(x)
             slope.append(m)
             intercept.append(y - m * x)
@@ -91,10 +91,12 @@ class Terrain(Record):
         return self.slope[segment] * x + self.intercept[segment]
 
 
-def _drawn_segment(rng: np.random.Generator, tilt: float, start: float) -> tuple[float, float]:
+def _sample_segment(rng: np.random.Generator, tilt: float, start: float) -> tuple[float, float]:
     """Length [m] and slope of a segment that begins at this height [m] and ends between the bounds."""
-    for _ in range(_DRAWS):
+    for _ in range(_MAX_SAMPLES):
         length, slope = rng.uniform(*_LENGTH), rng.uniform(*_SLOPE) + tilt
-        if 0.0 <= start + slope * length <= _CEILING:
+        if 0.0 <= start + slope * length <= _MAX_HEIGHT:
             return length, slope
-    raise InputError(f"no segment of rugged ground in {_DRAWS} draws", remedy="use another generator")
+    raise InputError(
+        f"no segment of rugged ground fits in {_MAX_SAMPLES} samples", remedy="use another random generator"
+    )

@@ -1,4 +1,4 @@
-"""Drive a printed robot that evolved, with its own gait, and plot the height of its marks m1 to m5."""
+"""Drive a printed robot that evolved, with its own gait, and plot the height of its markers m1 to m5."""
 
 from pathlib import Path
 from tempfile import mkdtemp

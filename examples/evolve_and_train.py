@@ -1,4 +1,4 @@
-"""Draw ten random robots, teach each controller by gradient descent, and evolve them for two generations."""
+"""Train the controllers of ten random robots by gradient descent, and evolve them for two generations."""
 
 from pathlib import Path
 from tempfile import mkdtemp

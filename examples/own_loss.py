@@ -1,4 +1,4 @@
-"""Your own loss on a rollout: teach a robot to lift its highest mass, by the engine's reverse sweep.
+"""Your own loss on a rollout: train a robot to lift its highest mass, by the engine's reverse sweep.
 
 A loss is a function of the positions. Its derivatives with respect to them (the cotangents) go in, and the
 gradient with respect to the controller comes out.

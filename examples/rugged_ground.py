@@ -1,4 +1,4 @@
-"""Teach ten random robots on rugged ground; plot what they learn, and how the best one walks."""
+"""Train ten random robots on rugged ground; plot what they learn, and how the best one walks."""
 
 from pathlib import Path
 from tempfile import mkdtemp

@@ -3,7 +3,7 @@
 import numpy as np
 
 import eldir
-from eldir.built.samples import NominalRobots, sampled_walks
+from eldir.built.samples import NominalRobots, sample_walks
 from eldir.built.screening import candidate_gaits, screen
 from eldir.parameters.robot import RobotParameters
 
@@ -22,5 +22,5 @@ for gait, walked in zip(gaits, walks, strict=True):
     print(f"phase {gait.phase[1]:.3f}: {walked:+.2f} body lengths per five cycles")
 
 # The best gait once more, with robots that differ as printed robots do.
-(samples,) = sampled_walks(NominalRobots(body, RobotParameters()), [gaits[int(np.argmax(walks))]], 8, seed=1)
+(samples,) = sample_walks(NominalRobots(body, RobotParameters()), [gaits[int(np.argmax(walks))]], 8, seed=1)
 print(f"eight samples: {samples.mean:+.2f} +- {samples.spread:.2f}, {samples.fallen:.0%} fall")

@@ -4,6 +4,7 @@ import atexit
 import os
 import shutil
 import tempfile
+from importlib import import_module
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -20,6 +21,10 @@ settings.register_profile(
 )
 settings.load_profile("eldir")
 
+# Importing the compiler looks through all modules that are loaded, some hundred times: first, not last.
+if "PYTEST_XDIST_WORKER" in os.environ:
+    import_module("eldir.engine.compiler")
+
 # Records of driven boards and latched stops, also of the programs that tests start: not those of this user.
 _STATE = tempfile.mkdtemp(prefix="eldir-state-")
 atexit.register(shutil.rmtree, _STATE, ignore_errors=True)
@@ -30,22 +35,29 @@ os.environ["XDG_STATE_HOME"] = _STATE
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Real-time tests come first and lie in one group of xdist, so that never two of them run at once; then
     those of the simulated robots, in one group so that no kernel is loaded by two workers; then what is slow,
-    so that no process has it left at the end. Other tests stay with those of their module."""
-    order: dict[str, int] = {}
+    the slowest module first (`slow(seconds)`), so that no process has it left at the end. Other tests stay
+    with those of their module."""
+    groups: dict[pytest.Item, str] = {}
+    order: dict[str, float] = {}
     for item in items:
         add_markers(item)
-        group = _group(item)
+        groups[item] = group = _group(item)
         item.add_marker(pytest.mark.xdist_group(group))
-        slow = item.get_closest_marker("slow") is not None
-        order[group] = min(order.get(group, 3), {"realtime": 0, "kernels": 1}.get(group, 2 if slow else 3))
-    items.sort(key=lambda item: order[_group(item)])
+        order[group] = min(order.get(group, 0.0), _FIRST.get(group, -_seconds(item)))
+    items.sort(key=lambda item: order[groups[item]])
+
+
+def _seconds(item: pytest.Item) -> float:
+    """Processor time of a slow test or of its whole module, as its marker says; 0 of others."""
+    slow = item.get_closest_marker("slow")
+    return 0.0 if slow is None else float(slow.args[0]) if slow.args else 5.0
 
 
 def _group(item: pytest.Item) -> str:
     if item.get_closest_marker("realtime"):
         return "realtime"
-    kernels = item.location[0].startswith(_KERNELS) and not item.get_closest_marker("process")
-    return "kernels" if kernels else item.location[0]
+    file = item.nodeid.partition("::")[0]  # `location` takes twenty times as long
+    return "kernels" if file.startswith(_KERNELS) and not item.get_closest_marker("process") else file
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
@@ -55,4 +67,5 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
 
 _YIELDING = 10
+_FIRST = {"realtime": -2e4, "kernels": -1e4}
 _KERNELS = tuple(f"tests/eldir/{room}" for room in ("engine", "training", "evolution/test", "test_"))

@@ -19,12 +19,12 @@ from contextlib import suppress
 from typing import Any
 
 IMPORTED = (
-    "eldir_app.terminal.progress",
+    "eldir_app.progress",
     "eldir_app.emergency_stop",
     "eldir_hardware.guardian.client",
     "eldir_hardware.run.drive",
     "eldir_hardware.safety.stop_signals",
-    "eldir_app.watch.listen",
+    "eldir_app.watch.listening",
     "eldir_app.watch.server",
 )
 
@@ -94,7 +94,7 @@ if __name__ == "__main__":
     for name in IMPORTED:
         importlib.import_module(name)
     importlib.import_module("eldir_app.application").application()
-    importlib.import_module("eldir_hardware.log.messages").types()
+    importlib.import_module("eldir_hardware.log.messages").typestore()
     gc.collect()
     gc.freeze()
     run(serve(socket.socket(fileno=int(sys.argv[1]))))

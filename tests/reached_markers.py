@@ -7,6 +7,7 @@ fixture starts a guardian is `process` and `realtime`, wherever that fixture sta
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cache
 from types import CodeType, FunctionType, ModuleType
 
 import pytest
@@ -29,12 +30,19 @@ def add_markers(item: pytest.Item) -> None:
     functions = [getattr(item, "function", None)]
     definitions = getattr(getattr(item, "_fixtureinfo", None), "name2fixturedefs", {})
     functions += [definition.func for found in definitions.values() for definition in found]
-    reached: set[str] = set()
-    for function in functions:
-        reached |= _reached_by(function)
-    for marker, signs in SIGNS.items():
-        if any(name == sign or name.startswith(sign + ".") for name in reached for sign in signs):
-            item.add_marker(marker)
+    for marker in {marker for function in functions for marker in _markers_of(function)}:
+        item.add_marker(marker)
+
+
+@cache
+def _markers_of(function: object) -> tuple[str, ...]:
+    """Most items share their function and their fixtures with others."""
+    reached = _reached_by(function)
+    return tuple(
+        marker
+        for marker, signs in SIGNS.items()
+        if any(name == sign or name.startswith(f"{sign}.") for name in reached for sign in signs)
+    )
 
 
 _KNOWN: dict[object, set[str]] = {}

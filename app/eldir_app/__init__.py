@@ -1,8 +1,8 @@
-"""The command `eldir`, and what stands on all other packages: demo, live page, catalogue of runs, doctor.
+"""The command `eldir`, and what uses all other packages: demo, live page, catalogue of runs, doctor.
 
-What a command does is decided in the packages below.
+Decisions are made in the packages below.
 """
 
 import logging
 
-logging.getLogger(__name__).addHandler(logging.NullHandler())  # programs decide what is written
+logging.getLogger(__name__).addHandler(logging.NullHandler())  # programs choose the handlers

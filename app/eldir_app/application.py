@@ -16,13 +16,13 @@ from typer.exceptions import TyperException
 from eldir.core import program_log
 from eldir.errors import EldirError, print_line
 from eldir_app import commands
-from eldir_app.terminal.groups import add, load, names_in
+from eldir_app.commands import add_command, command_names, load_command
 
 GROUP = "eldir.commands"
 """Entry points by which other packages add sub-commands."""
 _logger = logging.getLogger(__name__)
-_INSTALL = "--install-completion"
-_WORDS = (
+_INSTALL_COMPLETION = "--install-completion"
+_PLAIN_WORDS = (
     ("Input should be greater than or equal to ", "expected at least "),
     ("Input should be less than or equal to ", "expected at most "),
     ("Input should be a valid integer.*", "expected a whole number"),
@@ -32,34 +32,36 @@ _WORDS = (
 )
 
 
-class _StoppedError(Exception):
-    """Ctrl-C."""
+class _InterruptedError(Exception):
+    """Ctrl-C, past Typer, which would exit without a message."""
 
 
 class _Commands(TyperGroup):
-    """Commands that Ctrl-C ends with a word; Typer alone ends them without. Each has the option -v."""
+    """Commands that report Ctrl-C, and all have the option -v."""
 
     def __init__(self, **values: Any):
         super().__init__(**values)
-        shared = [option for option in self.params if option.name == "verbose"]
-        waiting = list(self.commands.values())
-        while waiting:
-            command = waiting.pop()
-            waiting += getattr(command, "commands", {}).values()
+        verbose = [option for option in self.params if option.name == "verbose"]
+        pending = list(self.commands.values())
+        while pending:
+            command = pending.pop()
+            pending += getattr(command, "commands", {}).values()
             if not any("-v" in option.opts for option in command.params):  # another package's own -v
-                command.params += shared
+                command.params += verbose
 
     def invoke(self, ctx: typer.Context) -> Any:  # type: ignore[override]
         try:
             return super().invoke(ctx)
         except KeyboardInterrupt:
-            raise _StoppedError from None
+            raise _InterruptedError from None
 
 
-def application(asked: str = "") -> typer.Typer:
-    """The command with our sub-commands, and those of other packages (entry-point group `eldir.commands`); or
-    with the one of ours that is `asked` for, and nothing else is loaded."""
-    # Plain help: with markup, Typer loads rich's Markdown for half of the time of `eldir --help`.
+def application(only: str = "") -> typer.Typer:
+    """The command with our sub-commands and those of other packages (entry-point group `eldir.commands`).
+
+    `only`: the one sub-command to load, if it is ours.
+    """
+    # Plain help: for markup, Typer imports rich's Markdown, which takes half of the time of `eldir --help`.
     app = typer.Typer(
         cls=_Commands,
         no_args_is_help=True,
@@ -82,7 +84,7 @@ def application(asked: str = "") -> typer.Typer:
                 "--verbose",
                 "-v",
                 count=True,
-                callback=_log_more,
+                callback=_raise_verbosity,
                 expose_value=False,
                 show_default=False,
                 help="Write on stderr what the program does; -vv also every frame from and to the devices.",
@@ -94,32 +96,37 @@ def application(asked: str = "") -> typer.Typer:
         Example: eldir demo --out demo
         """
 
-    ours = names_in(commands.__name__, commands.ORDER)
-    for name in [asked] if asked in ours else ours:
-        add(app, name, load(commands.__name__, name))
-    for point in [] if asked in ours else sorted(entry_points(group=GROUP), key=lambda p: p.name):
+    ours = command_names(commands.__name__, commands.ORDER)
+    for name in [only] if only in ours else ours:
+        add_command(app, name, load_command(commands.__name__, name))
+    if only not in ours:
+        _add_commands_of_other_packages(app)
+    return app
+
+
+def _add_commands_of_other_packages(app: typer.Typer) -> None:
+    for point in sorted(entry_points(group=GROUP), key=lambda p: p.name):
         try:
             command = point.load()
-        except (Exception, SystemExit) as error:  # of another package: `eldir rig off` must work beside it
+        except (Exception, SystemExit) as error:  # `eldir rig off` must work beside a broken package
             _logger.warning(
                 f"the command {point.name} cannot be loaded from {point.value}; "
                 f"found {type(error).__name__}: {error}"
             )
             continue
-        add(app, point.name, command)
-    return app
+        add_command(app, point.name, command)
 
 
 def run_application() -> int:
-    """Run the command; returns its status. Raises `EldirError`, and `KeyboardInterrupt` for Ctrl-C."""
-    # Where a home cannot be written, Matplotlib says in three lines that it uses another folder.
+    """Run the command; return its exit status. Raises `EldirError`, and `KeyboardInterrupt` for Ctrl-C."""
+    # Where the home folder is read-only, Matplotlib warns in three lines that it uses another folder.
     logging.getLogger("matplotlib").setLevel(logging.ERROR)
-    program_log.read_levels()  # wrong ones are an error
+    program_log.read_levels()  # raises for invalid ones
     _configure_log()
     try:
-        asked = next((word for word in sys.argv[1:] if not word.startswith("-")), "")
-        status = application(asked)(standalone_mode=False, prog_name="eldir")
-    except TyperException as error:  # wrong arguments
+        name = next((argument for argument in sys.argv[1:] if not argument.startswith("-")), "")
+        status = application(name)(standalone_mode=False, prog_name="eldir")
+    except TyperException as error:  # invalid arguments
         message, context = error.format_message().rstrip("."), getattr(error, "ctx", None)
         if context is not None and error.format_message() == context.get_help():  # no sub-command was given
             typer.echo(context.get_help())
@@ -127,10 +134,10 @@ def run_application() -> int:
         command = "eldir" if context is None else context.command_path
         print_line(f"{_in_plain_words(message)}; see {command} --help")
         return 2
-    except (typer.Abort, _StoppedError):
+    except (typer.Abort, _InterruptedError):
         raise KeyboardInterrupt from None
     except OSError as error:
-        if _INSTALL not in sys.argv:
+        if _INSTALL_COMPLETION not in sys.argv:
             raise
         raise EldirError(
             f"cannot install completion: {error}", remedy="put the lines of --show-completion there yourself"
@@ -139,37 +146,37 @@ def run_application() -> int:
 
 
 def _in_plain_words(message: str) -> str:
-    """A message about an argument, without the words of the library that checked it."""
-    for theirs, ours in _WORDS:
-        message = re.sub(theirs, ours, message)
+    """A message about an argument, without the jargon of pydantic."""
+    for pattern, replacement in _PLAIN_WORDS:
+        message = re.sub(pattern, replacement, message)
     return message
 
 
-def _log_more(steps: int) -> None:
-    """-v, before or behind the words of the command."""
+def _raise_verbosity(steps: int) -> None:
+    """The option -v, before or after the name of the sub-command."""
     if steps:
         program_log.raise_level(steps)
         _configure_log()
 
 
 def _configure_log() -> None:
-    """Lines as everywhere, or Rich's on a terminal where somebody asked for details."""
+    """Plain lines; with -v on a terminal, Rich's."""
     if program_log.is_detailed() and os.isatty(2):
         from rich.console import Console
         from rich.logging import RichHandler
 
-        screen = Console(file=cast("IO[str]", program_log.UnblockedStderr()))
-        shown = RichHandler(
-            console=screen, omit_repeated_times=False, show_path=False, log_time_format="%H:%M:%S.%f"
+        console = Console(file=cast("IO[str]", program_log.UnblockedStderr()))
+        handler = RichHandler(
+            console=console, omit_repeated_times=False, show_path=False, log_time_format="%H:%M:%S.%f"
         )
-        shown.setFormatter(logging.Formatter("%(name)s: %(message)s"))
-        program_log.configure("eldir", shown)
+        handler.setFormatter(logging.Formatter("%(name)s: %(message)s"))
+        program_log.configure("eldir", handler)
     else:
         program_log.configure("eldir")
 
 
-def _print_version(wanted: bool) -> None:
-    if wanted:
+def _print_version(requested: bool) -> None:
+    if requested:
         from eldir_app.commands.info import version_lines
 
         print(version_lines())

@@ -7,39 +7,54 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from eldir import defaults
 from eldir.core.files import new_folder, write_text
 from eldir.core.worker_process import WorkerProcess
+from eldir.design import Design, marked_masses
 from eldir.evolution.designs import load_run
-from eldir.evolution.printed import defaults
 from eldir.evolution.printed.configuration import PrintedEvolutionConfig
-from eldir.evolution.printed.loop import evolve_printed
-from eldir.evolution.printed.run_folder import PrintedRun
-from eldir.evolution.printed.search import KNOWN, PrintedSearch
-from eldir.evolution.printed.workshop import Workshop
-from eldir.marks import marked_masses
+from eldir.evolution.printed.run_folder import PrintedRun, evolve_printed
+from eldir.evolution.printed.search import MAX_SAMPLES, PrintedSearch
 from eldir_cad.packet.folder import write_packet
 from eldir_cad.shortlist.folder import write_shortlist
 from eldir_cad.shortlist.ranking import RankedDesign, Shortlist, rank
-from eldir_calibration.comparison.motions import report_content
+from eldir_calibration.comparison.motions import prepare_report
 from eldir_calibration.comparison.predictions import SAMPLES
 from eldir_calibration.report.comparison import CYCLES, MotionReport
 from eldir_calibration.report.page import ReportInput, write_report
-from eldir_hardware.planning.plan import plan
-from eldir_hardware.planning.workshop import workshop
+from eldir_hardware.planning.plan import PlanConfig, plan
+from eldir_hardware.planning.workshop import make_workshop
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.template import virtual_rig
-from eldir_hardware.run.drive import drive_rig
-from eldir_hardware.virtual.bodies import best_physics
+from eldir_hardware.run.drive import DriveConfig, drive_rig
+from eldir_hardware.virtual.bodies import default_physics
 from eldir_hardware.virtual.rig import BodyFrame
 
-_GOOD = 1.5  # worth of a known elite that ends the evolution
-_NEARLY = 0.9  # of the farthest walk: worth less than a mark
-Step = Callable[[str, float], None]
-"""Called with the name of the present step and the fraction of it that is done."""
+_GOOD_FITNESS = 1.5  # of an elite with enough samples; it ends the evolution
+_NEARLY_AS_FAR = 0.9  # of the farthest walk: one more marker counts more than the rest
+Progress = Callable[[str, float], None]
+"""Called with the name of the present stage and its completed fraction."""
 
 
 @dataclass(frozen=True)
-class Demo:
+class DemoConfig:
+    """Settings of the demo."""
+
+    seed: int = 1
+    population: int = defaults.PRINTED_OFFSPRING
+    min_generations: int = 6
+    """Evolution ends here if a robot walks well."""
+    max_generations: int = 12
+    finalists: int = 3
+    """Designs of the shortlist."""
+    samples: int = SAMPLES
+    """Sampled robots of a prediction."""
+    cycles: int = CYCLES
+    """Cycles of the walk that are evaluated."""
+
+
+@dataclass(frozen=True)
+class DemoResult:
     """Results of the demo."""
 
     choice: RankedDesign
@@ -50,100 +65,111 @@ class Demo:
 
 def run_demo(
     out: Path,
-    seed: int,
-    step: Step = lambda what, part: None,
-    *,
-    population: int = defaults.OFFSPRING,
-    generations: int = 6,
-    at_most: int = 12,
-    finalists: int = 3,
-    samples: int = SAMPLES,
-    cycles: int = CYCLES,
-    see: Callable[[BodyFrame], None] = lambda frame: None,
-) -> Demo:
+    config: DemoConfig,
+    progress: Progress = lambda stage, fraction: None,
+    on_frame: Callable[[BodyFrame], None] = lambda frame: None,
+) -> DemoResult:
     """Write `run/`, `shortlist/`, `design.json`, `packet/`, `rig.yaml`, `schedule.json`, `log.mcap`,
-    `metadata.yaml` (which makes a bag of the log) and `report/` into a new folder, whole or not at all.
+    `metadata.yaml` (which makes the log a bag) and `report/` into a new folder, completely or not at all.
 
-    Evolution ends after `generations` if a robot walks well by then, else after `at_most`. The robot is
-    predicted by the engine and, where MuJoCo is installed, moved by MuJoCo; `cycles` of its walk count. The
-    same seed gives the same design, packet and schedule, byte for byte. `see` is called with the true
-    position of the virtual robot, for pictures and tests; nothing else may use it.
+    The engine predicts the walk; MuJoCo, where it is installed, moves the robot. The same seed gives the same
+    design, packet and schedule, byte for byte. `on_frame` is called with the true position of the virtual
+    robot, for pictures and tests; nothing else may use it.
     """
     with new_folder(out) as draft:
-        given = _evolve(draft / "run", seed, population, generations, at_most, step)
-        shortlist = rank(
-            load_run(draft / "run"),
-            finalists,
-            seed=seed,
-            progress=lambda what, part: step(f"choosing: {what}", part),
-            springs=given.springs,
-        )
+        shortlist = _evolve_shortlist(draft, config, progress)
         choice = choose_design(shortlist)
-        write_shortlist(shortlist, draft / "shortlist")
         choice.design.save(draft / "design.json")
-        step("packet for the workshop", 0.0)
+        progress("packet for the workshop", 0.0)
         write_packet(choice.design, draft / "packet")
-        rig_path = draft / "rig.yaml"
-        write_text(rig_path, virtual_rig(seed, "design.json", physics=best_physics()))
-        rig = Rig.load(rig_path)
-        step("gait to schedule", 0.0)
-        schedule = plan(choice.design, rig, seed=seed, samples=samples, cycles=cycles)
-        schedule.save(draft / "schedule.json")
-        total = schedule.duration
-        drive_rig(
-            schedule, rig, rig_path, draft / "log.mcap", draft / "design.json",
-            lambda t: step("driving and filming the virtual rig", min(max(t / total, 0.0), 1.0)), see,
-        )  # fmt: skip
-        rate = rig.camera.rate_hz if rig.camera else 1.0
-        with WorkerProcess("eldir_calibration.comparison.predictions") as worker:
-            content = report_content(
-                draft / "log.mcap",
-                choice.design,
-                worker,
-                lambda n: step("tracking", min(n / (rate * total), 1.0)),
-                samples=samples,
-            )
-        step("report", 0.0)
+        content = _drive_and_track(choice.design, draft, config, progress, on_frame)
+        progress("report", 0.0)
         report = write_report(content, draft / "report")
-    return Demo(choice, shortlist, report, content)
+    return DemoResult(choice, shortlist, report, content)
+
+
+def _evolve_shortlist(folder: Path, config: DemoConfig, progress: Progress) -> Shortlist:
+    """Evolve robots as `eldir evolve --objective printed` does, and rank them."""
+    conditions = make_workshop()
+    evolution = PrintedEvolutionConfig(
+        offspring=config.population,
+        generations=config.max_generations,
+        seed=config.seed,
+        printed=conditions.printed,
+        springs=conditions.springs,
+        timings=conditions.timings,
+    )
+
+    def is_done(search: PrintedSearch) -> bool:
+        return search.generation > config.min_generations and walks_well(search)
+
+    def show(search: PrintedSearch, fraction: float) -> None:
+        completed = (search.generation + fraction) / (config.max_generations + 1)
+        progress("evolving bodies and gaits", completed)
+
+    run = folder / "run"
+    evolve_printed(PrintedRun.create(run, evolution), conditions.rejection_reason, is_done, show)
+    shortlist = rank(
+        load_run(run),
+        config.finalists,
+        seed=config.seed,
+        progress=lambda stage, fraction: progress(f"choosing: {stage}", fraction),
+        springs=conditions.springs,
+    )
+    write_shortlist(shortlist, folder / "shortlist")
+    return shortlist
+
+
+def _drive_and_track(
+    design: Design,
+    folder: Path,
+    config: DemoConfig,
+    progress: Progress,
+    on_frame: Callable[[BodyFrame], None],
+) -> ReportInput:
+    """Plan a gait, play it on a virtual rig, and track the robot in the log."""
+    rig_file = folder / "rig.yaml"
+    write_text(rig_file, virtual_rig(config.seed, "design.json", physics=default_physics()))
+    rig = Rig.load(rig_file)
+    progress("gait to schedule", 0.0)
+    schedule = plan(design, rig, PlanConfig(seed=config.seed, samples=config.samples, cycles=config.cycles))
+    schedule.save(folder / "schedule.json")
+    log, total = folder / "log.mcap", schedule.duration
+    drive_rig(
+        schedule,
+        rig,
+        rig_file,
+        log,
+        DriveConfig(
+            folder / "design.json",
+            on_time=lambda t: progress("driving and filming the virtual rig", min(max(t / total, 0.0), 1.0)),
+            on_body=on_frame,
+        ),
+    )
+    rate = rig.camera.rate_hz if rig.camera else 1.0
+    with WorkerProcess("eldir_calibration.comparison.predictions") as worker:
+        return prepare_report(
+            log,
+            design,
+            worker,
+            lambda frames: progress("tracking", min(frames / (rate * total), 1.0)),
+            samples=config.samples,
+        )
 
 
 def choose_design(shortlist: Shortlist) -> RankedDesign:
-    """The first design; or one that is predicted to walk nearly as far and has more marks (m1 to m5) for the
-    report to compare."""
+    """The first design, or one that is predicted to walk nearly as far and has more mass markers (m1 to m5)
+    for the report to compare."""
     shortlist.require_candidates("try another seed")
     first = shortlist.candidates[0]
-    near = [
-        c for c in shortlist.candidates if c is first or c.spread.worth >= _NEARLY * first.spread.worth > 0
-    ]
-    return max(near, key=lambda c: len(marked_masses(c.design.morphology)))  # the first of equals
-
-
-def _evolve(folder: Path, seed: int, population: int, generations: int, at_most: int, step: Step) -> Workshop:
-    """A run like that of `eldir evolve --objective printed`."""
-    given = workshop()
-    config = PrintedEvolutionConfig(
-        offspring=population,
-        generations=at_most,
-        seed=seed,
-        printed=given.printed,
-        springs=given.springs,
-        timings=given.timings,
-    )
-
-    def progress(search: PrintedSearch, share: float) -> None:
-        step("evolving bodies and gaits", (search.generation + share) / (at_most + 1))
-
-    run = PrintedRun.create(folder, config)
-    evolve_printed(
-        run, given.refused, lambda search: search.generation > generations and walks_well(search), progress
-    )
-    return given
+    threshold = _NEARLY_AS_FAR * first.spread.fitness
+    similar = [c for c in shortlist.candidates if c is first or c.spread.fitness >= threshold > 0]
+    return max(similar, key=lambda c: len(marked_masses(c.design.morphology)))  # the first of equals
 
 
 def walks_well(search: PrintedSearch) -> bool:
-    """Whether a robot is known to walk as far as the demo asks for."""
-    return any(w.worth >= _GOOD and len(w.walks) >= KNOWN for w in search.archive.ranked())
+    """Whether a robot walks as far as the demo requires, by enough samples to be sure."""
+    return any(w.fitness >= _GOOD_FITNESS and len(w.walks) >= MAX_SAMPLES for w in search.archive.ranked())
 
 
 def folder_size(folder: Path) -> int:

@@ -1,4 +1,4 @@
-"""The program `eldir`: turns every failure into one line and a status.
+"""The program `eldir`: turns every failure into one line and an exit status.
 
 The emergency stop does not wait until the other commands are loaded.
 """
@@ -11,56 +11,56 @@ import signal
 import sys
 from contextlib import suppress
 from io import TextIOWrapper
+from types import FrameType
 from typing import NoReturn
 
 from eldir.core import program_log
 from eldir.errors import EldirError, InputError, print_line, report
 
-_FULL = (errno.ENOSPC, errno.EDQUOT)
-_EMERGENCY = ["rig", "off"]
+_DISK_FULL = (errno.ENOSPC, errno.EDQUOT)
+_EMERGENCY_STOP = ["rig", "off"]
+_RETRY_INTERVAL_S = 0.05  # of a Ctrl-C that came during an import
 
 
 def main() -> NoReturn:
-    """Run the command; status 0 only when it did what it says, 2 for wrong arguments, 130 for Ctrl-C."""
-    if sys.platform == "win32":  # files are locked, ports and processes held, as Linux does it
+    """Run the command. Exit status: 0 only for success, 2 for invalid arguments, 130 for Ctrl-C."""
+    if sys.platform == "win32":  # locks, ports and processes work as on Linux
         print_line("eldir does not run on Windows; expected Linux; use WSL or a container")
         sys.exit(1)
-    _open_streams()
+    _repair_streams()
     status: int | str | None
     try:
         status = _run(sys.argv[1:])
     except BaseException as error:
         try:
             _ignore_signals()
-        except KeyboardInterrupt:  # one that came just before
+        except KeyboardInterrupt:  # a signal that arrived just before
             _ignore_signals()
         report(error)
-        status = _status(error)
+        status = _exit_status(error)
     sys.exit(status)
 
 
-def _run(words: list[str]) -> int:
-    """The status of the command. Raises what it raises."""
-    status = _emergency_stop(words)
+def _run(arguments: list[str]) -> int:
+    """The exit status of the command. Raises whatever the command raises."""
+    status = _run_emergency_stop(arguments)
     if status is None:
-        from eldir_app.terminal.interruption import hold_back_during_imports
-
-        hold_back_during_imports()
+        _defer_interrupts_during_imports()
         from eldir_app.application import run_application
 
         status = run_application()
-    sys.stdout.flush()  # what does not fit is told here, not after the end
+    sys.stdout.flush()  # a full disk is reported here, not by the interpreter at exit
     return status
 
 
 def _ignore_signals() -> None:
-    """What was stopped ends now, and its last lines and its status must not depend on one more signal."""
+    """A second signal must not cut off the last lines or change the exit status."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
 
 
-def _status(error: BaseException) -> int | str | None:
-    """The status after an error, which is printed if it was not yet. A fault of the program is raised."""
+def _exit_status(error: BaseException) -> int | str | None:
+    """The exit status after an error; prints what was not printed yet. A bug of the program is raised."""
     match error:
         case KeyboardInterrupt():
             print_line("stopped")
@@ -72,58 +72,97 @@ def _status(error: BaseException) -> int | str | None:
         case BrokenPipeError():  # such as `eldir ... | head`
             sys.stderr.close()
             return 1
-        case OSError() if error.errno in _FULL:
+        case OSError() if error.errno in _DISK_FULL:
             with suppress(OSError):
-                os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # else the rest is tried once more at the end
+                os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # or the interpreter flushes once more at exit
             print_line(f"cannot write: {error.strerror}; make room")
             return 1
     raise error
 
 
-def _open_streams() -> None:
-    """Replace streams that the caller closed, before a file gets their numbers and is written into, and write
-    names of files that are not UTF-8 escaped instead of failing there."""
-    for number, (name, mode) in enumerate((("stdin", "r"), ("stdout", "w"), ("stderr", "w"))):
+def _repair_streams() -> None:
+    """Open streams that the caller closed on the null device, before a file gets their descriptors and is
+    written into. Escape characters that the terminal cannot encode, instead of failing."""
+    for descriptor, (name, mode) in enumerate((("stdin", "r"), ("stdout", "w"), ("stderr", "w"))):
         if getattr(sys, name) is None:
-            stream = open(os.devnull, mode)  # noqa: SIM115  # of the lowest number that is free
-            if stream.fileno() == number:
-                os.set_inheritable(number, True)
+            stream = open(os.devnull, mode)  # noqa: SIM115  # gets the lowest free descriptor
+            if stream.fileno() == descriptor:
+                os.set_inheritable(descriptor, True)
             setattr(sys, name, stream)
     for output in (sys.stdout, sys.stderr):
         if isinstance(output, TextIOWrapper):
             output.reconfigure(errors="backslashreplace")
 
 
-def _emergency_stop(words: list[str]) -> int | None:
-    """The status of `eldir rig off`; None for any other command, and for options that the long way explains.
+def _run_emergency_stop(arguments: list[str]) -> int | None:
+    """The exit status of `eldir rig off`; None for other commands, and for options that only the full command
+    explains.
 
-    Loading the other commands takes longer than a spring needs to get too hot.
+    Loading the other commands takes longer than a spring needs to overheat.
     """
-    steps = sum(map(_log_steps, words))
-    words = [word for word in words if not _log_steps(word)]
-    if words[:2] != _EMERGENCY:
+    verbosity = sum(map(_count_verbose, arguments))
+    arguments = [argument for argument in arguments if not _count_verbose(argument)]
+    if arguments[:2] != _EMERGENCY_STOP:
         return None
-    with suppress(OSError, AttributeError):  # where this user may ask for that, no other program delays it
+    with suppress(OSError, AttributeError):  # real-time priority, where this user may have it
         os.sched_setscheduler(0, os.SCHED_RR | os.SCHED_RESET_ON_FORK, os.sched_param(1))
-    here = os.getcwd()
-    beside = [p for p in sys.path if not os.path.isabs(p) or os.path.realpath(p) == here]
-    sys.path[:] = [
-        p for p in sys.path if p not in beside
-    ] + beside  # a serial.py beside the rig file is not run
+    _move_working_directory_last()
     try:
         from eldir_app.emergency_stop import run_quickly
     except KeyboardInterrupt as error:
         error.add_note("nothing was switched off yet: run it again, or cut the heating supply now")
         raise
-    if steps:
-        with suppress(InputError):  # of ELDIR_LOG, which is told below
-            program_log.raise_level(steps)
+    if verbosity:
+        with suppress(InputError):  # an invalid ELDIR_LOG, which `configure` reports
+            program_log.raise_level(verbosity)
     program_log.configure("eldir rig off")
-    return run_quickly(words[2:])
+    return run_quickly(arguments[2:])
 
 
-def _log_steps(word: str) -> int:
-    """How often a word says -v."""
-    if word[:2] == "-v" and word.strip("v") == "-":
-        return len(word) - 1
-    return int(word == "--verbose")
+def _move_working_directory_last() -> None:
+    """Search the working directory last, so that a serial.py beside the rig file is not imported."""
+    here = os.getcwd()
+    local = [p for p in sys.path if not os.path.isabs(p) or os.path.realpath(p) == here]
+    sys.path[:] = [p for p in sys.path if p not in local] + local
+
+
+def _count_verbose(argument: str) -> int:
+    """How many times an argument is -v: 2 for -vv."""
+    if argument[:2] == "-v" and argument.strip("v") == "-":
+        return len(argument) - 1
+    return int(argument == "--verbose")
+
+
+def _defer_interrupts_during_imports() -> None:
+    """Defer the first Ctrl-C until the import that it interrupts is complete. The second one acts at once.
+
+    Some packages (trimesh) catch every exception of an import, KeyboardInterrupt included, and continue
+    without the module; the rig would then be driven to the end.
+    """
+    # A program in the background ignores Ctrl-C already.
+    if signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        return
+    deferred = False
+
+    def on_interrupt(number: int, frame: FrameType | None) -> None:
+        nonlocal deferred
+        if deferred or not _is_importing(frame):
+            raise KeyboardInterrupt
+        deferred = True
+        signal.setitimer(signal.ITIMER_REAL, _RETRY_INTERVAL_S, _RETRY_INTERVAL_S)
+
+    def on_timer(number: int, frame: FrameType | None) -> None:
+        if not _is_importing(frame):
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
+            signal.raise_signal(signal.SIGINT)
+
+    signal.signal(signal.SIGINT, on_interrupt)
+    signal.signal(signal.SIGALRM, on_timer)
+
+
+def _is_importing(frame: FrameType | None) -> bool:
+    while frame is not None:
+        if frame.f_code.co_filename.startswith("<frozen importlib"):
+            return True
+        frame = frame.f_back
+    return False

@@ -1,4 +1,4 @@
-"""A page for each command, made from what `--help` says: the words, options, defaults and examples."""
+"""A page for each command, made from its `--help`: text, options, defaults and examples."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -23,8 +23,8 @@ def write(docs: Path) -> None:
 def _section(name: str, command: Any, depth: int) -> Iterator[str]:
     """The Markdown of a command and of the commands below it."""
     yield f"{'#' * depth} {name}"
-    words, _, examples = _split(command.help or "")
-    yield words
+    text, _, examples = _split(command.help or "")
+    yield text
     arguments = [p for p in command.params if p.param_type_name == "argument"]
     options = [
         p for p in command.params if p.param_type_name == "option" and p.name != "help" and not p.hidden
@@ -47,9 +47,9 @@ def _section(name: str, command: Any, depth: int) -> Iterator[str]:
 
 
 def _split(text: str) -> tuple[str, str, str]:
-    """The words of a help text, and its example."""
-    words, colon, examples = text.partition("\n\nExample: ")
-    paragraphs = [plain(p) for p in words.split("\n\n")]
+    """The paragraphs of a help text, and its example."""
+    body, colon, examples = text.partition("\n\nExample: ")
+    paragraphs = [plain(p) for p in body.split("\n\n")]
     return "\n\n".join(paragraphs), colon, examples.strip()
 
 
@@ -59,7 +59,7 @@ def _usage(argument: Any) -> str:
 
 
 def _value(parameter: Any) -> str:
-    """What may stand behind an option, as its help tells it; nothing for a switch."""
+    """The value of an option, as in its help; empty for a flag."""
     if getattr(parameter, "is_flag", False):
         return ""
     kind = str(parameter.display_type(typer.Context(typer.core.TyperCommand("eldir")))).strip("<>").lower()

@@ -21,9 +21,9 @@ def page_text() -> str:
     """The page, with the table as the code has it."""
     rows: dict[str, tuple[set[str], set[str]]] = {}
     for path in sorted(p for name in PACKAGES for p in (ROOT / name).rglob("*.py")):
-        for code, said, kind in _codes(ast.parse(path.read_text(encoding="utf-8")), None):
+        for code, sentence, kind in _codes(ast.parse(path.read_text(encoding="utf-8")), None):
             sentences, kinds = rows.setdefault(code, (set(), set()))
-            sentences |= {said} if said.strip(".: ") else set()  # a sentence that is all values says nothing
+            sentences |= {sentence} if sentence.strip(".: ") else set()  # not one that has only values
             kinds.add(f"`{kind}`")
     table = (
         f"| `{code}` | {'; '.join(sorted(s))} | {', '.join(sorted(k))} |\n" for code, (s, k) in rows.items()
@@ -38,12 +38,12 @@ def _codes(node: ast.AST, inside: ast.FunctionDef | None) -> Iterator[tuple[str,
     if isinstance(node, ast.ClassDef):
         own = ast.Module([n for n in node.body if isinstance(n, ast.Assign | ast.AnnAssign)], [])
         if _CODE.fullmatch(code := _assigned(own, "code")):
-            yield code, _first(node), node.name
+            yield code, _first_sentence(node), node.name
     if isinstance(node, ast.Call) and inside is not None:
         for code in (_text(k.value, inside) for k in node.keywords if k.arg == "code"):
             if _CODE.fullmatch(code):
-                told = re.match("the error for (.*)", _first(inside))
-                yield code, told[1] if told else _text(node.args[0], inside), ast.unparse(node.func)
+                match = re.match("the error for (.*)", _first_sentence(inside))
+                yield code, match[1] if match else _text(node.args[0], inside), ast.unparse(node.func)
     for child in ast.iter_child_nodes(node):
         yield from _codes(child, inside)
 
@@ -77,10 +77,10 @@ def _assigned(inside: ast.AST, name: str, line: int = 1 << 30) -> str:
     return found
 
 
-def _first(node: ast.ClassDef | ast.FunctionDef) -> str:
+def _first_sentence(node: ast.ClassDef | ast.FunctionDef) -> str:
     """The first sentence of its docstring, as a part of a sentence."""
-    said = " ".join((ast.get_docstring(node) or "").split()).partition(". ")[0].removesuffix(".")
-    return said[:1].lower() + said[1:]
+    sentence = " ".join((ast.get_docstring(node) or "").split()).partition(". ")[0].removesuffix(".")
+    return sentence[:1].lower() + sentence[1:]
 
 
 if __name__ == "__main__":

@@ -17,23 +17,23 @@ def run(docs: Path) -> None:
         place = folder / name
         place.mkdir(parents=True)
         script = docs.parent / "examples" / f"{name}.py"
-        told = subprocess.run(
+        result = subprocess.run(
             [sys.executable, str(script)],
             env=os.environ | {"TMPDIR": str(place), "ELDIR_THREADS": "1"},
             capture_output=True,
             text=True,
             check=False,
         )
-        if told.returncode:
-            raise RuntimeError(f"{script} failed:\n{told.stderr}")
+        if result.returncode:
+            raise RuntimeError(f"{script} failed:\n{result.stderr}")
         (picture,) = place.rglob("*.png")
         picture.rename(folder / f"{name}.png")
-        output = told.stdout.replace(f"{picture.parent}/", "/tmp/")
+        output = result.stdout.replace(f"{picture.parent}/", "/tmp/")
         (folder / f"{name}.txt").write_text(output, encoding="utf-8")
         shutil.rmtree(place)
 
 
-def shown(docs: Path) -> str:
+def examples_markdown(docs: Path) -> str:
     """The Markdown of all examples."""
     parts = []
     for script in sorted((docs.parent / "examples").glob("*.py")):

@@ -9,9 +9,9 @@ from typing import Any
 from generated import plain, write_pages
 
 Schema = dict[str, Any]
-_DEEPEST = 12
+_MAX_DEPTH = 12
 # Pages that explain a format, where they have another name.
-_EXPLAINED = {
+_PAGE_OF_FORMAT = {
     "board": "rig",
     "built-scene": "dynamics",
     "design": "evolution",
@@ -49,22 +49,22 @@ def write(docs: Path) -> None:
 
 def _page(name: str, schema: Schema) -> Iterator[str]:
     yield f"# {plain(schema['title'])}"
-    if said := schema.get("description"):
-        yield plain(said)
+    if description := schema.get("description"):
+        yield plain(description)
     kind = schema.get("properties", {}).get("format", {})
     named = kind.get("const") or " or ".join(kind.get("enum", []))
-    page = _EXPLAINED.get(name, name)
-    told = f"/{page}.md" if page in ("benchmarks", "installation") else f"/reference/{page}.md"
+    page = _PAGE_OF_FORMAT.get(name, name)
+    target = f"/{page}.md" if page in ("benchmarks", "installation") else f"/reference/{page}.md"
     yield (
-        (f"Explained in [{page}]({told}). ")
+        (f"Explained in [{page}]({target}). ")
         + (f"Format `{named}`. " if named else "")
         + (f"The schema, for programs: {{download}}`{name}.schema.json </schemas/{name}.schema.json>`.")
     )
     yield from _table(schema)
     for title, inner in schema.get("$defs", {}).items():
         yield f"## {title}"
-        if said := inner.get("description"):
-            yield plain(said)
+        if description := inner.get("description"):
+            yield plain(description)
         yield from _table(inner)
 
 
@@ -78,7 +78,7 @@ def _table(schema: Schema) -> Iterator[str]:
 
 def _rows(schema: Schema, above: str, depth: int) -> Iterator[str]:
     """A row for each entry, and for the entries inside it: `gait.phase`, `events[].t_s`."""
-    if depth > _DEEPEST:
+    if depth > _MAX_DEPTH:
         return
     required = set(schema.get("required", []))
     entries = [*schema.get("properties", {}).items(), *schema.get("patternProperties", {}).items()]
@@ -87,13 +87,13 @@ def _rows(schema: Schema, above: str, depth: int) -> Iterator[str]:
         entries.append(("NAME", others))
     for name, inner in entries:
         path = f"{above}.{name}" if above else name
-        said = plain(inner.get("description", "One entry for each name." if name == "NAME" else ""))
+        meaning = plain(inner.get("description", "One entry for each name." if name == "NAME" else ""))
         default = inner.get("default")
         if default is not None and not isinstance(default, dict):
-            said += f" Default: `{json.dumps(default)}`."
+            meaning += f" Default: `{json.dumps(default)}`."
         elif name not in required and name != "NAME":
-            said += " Optional."
-        yield f"| {_shown(path)} | {_value(inner)} | {said.strip()} |"
+            meaning += " Optional."
+        yield f"| {_entry_name(path)} | {_value(inner)} | {meaning.strip()} |"
         yield from _inside(inner, path, depth + 1)
     for part in ("allOf", "anyOf", "oneOf"):
         for inner in schema.get(part, []):
@@ -101,7 +101,7 @@ def _rows(schema: Schema, above: str, depth: int) -> Iterator[str]:
                 yield from _rows(inner, above, depth + 1)
 
 
-def _shown(path: str) -> str:
+def _entry_name(path: str) -> str:
     """The name of an entry; a line may end after each of its dots."""
     broken = escape(path).replace("|", "&#124;").replace(".", ".<wbr>")
     return f'<code class="docutils literal path">{broken}</code>'
@@ -158,9 +158,10 @@ def _range(schema: Schema) -> str:
 def _array(schema: Schema) -> str:
     if "prefixItems" in schema:
         return "list of " + ", ".join(_value(s) for s in schema["prefixItems"])
-    least, most = schema.get("minItems"), schema.get("maxItems")
-    number = f"{least} " if least == most and least else f"at least {least} " if least else ""
-    if most and most != least:
-        number = f"{least or 0} to {most} "
+    min_items, max_items = schema.get("minItems"), schema.get("maxItems")
+    exact = min_items == max_items and min_items
+    number = f"{min_items} " if exact else f"at least {min_items} " if min_items else ""
+    if max_items and max_items != min_items:
+        number = f"{min_items or 0} to {max_items} "
     items = schema.get("items", {})
     return f"list of {number}" + (_value(items) if isinstance(items, dict) and items else "values")

@@ -1,4 +1,4 @@
-"""Links that lead out of docs/ on a forge lead to a page of the site: one spelling for both."""
+"""Converts links that lead out of docs/ on a forge to links to pages of the site."""
 
 import os
 import re
@@ -37,10 +37,10 @@ def for_the_site(docs: Path, page: str, text: str) -> str:
         at = Path(_TEXTS[page])
         text = (root / at).read_text(encoding="utf-8")
     if page == "examples":
-        text += example_runs.shown(docs)
+        text += example_runs.examples_markdown(docs)
     here = Path(page).parent
 
-    def led(link: re.Match[str]) -> str:
+    def convert(link: re.Match[str]) -> str:
         target, anchor = link[1], link[2] or ""
         if ":" in target:
             return link[0]
@@ -54,9 +54,9 @@ def for_the_site(docs: Path, page: str, text: str) -> str:
         elif path.startswith("docs/"):
             inside = path.removeprefix("docs/")
         else:
-            return link[0]  # Sphinx says that it leads nowhere
+            return link[0]  # Sphinx reports it as a broken link
         return os.path.relpath(inside, here) + anchor
 
     return "".join(
-        part if number % 2 else _LINK.sub(led, part) for number, part in enumerate(_FENCED.split(text))
+        part if number % 2 else _LINK.sub(convert, part) for number, part in enumerate(_FENCED.split(text))
     )

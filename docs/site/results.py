@@ -1,7 +1,7 @@
-"""What the entries of those files mean that commands write, or print, as plain values.
+"""Records of the files that commands write, or print, as plain values without a record.
 
-They are made where no record can be: a benchmark's are collected one by one, an emergency stop waits for no
-import, and a listing has ten thousand. Tests hold what is written to the schemas.
+Those commands use no records: benchmarks collect their values one by one, an emergency stop must not wait for
+imports, and a listing has ten thousand runs. Tests compare the files with the schemas.
 """
 
 from __future__ import annotations
@@ -335,7 +335,7 @@ class DeviceThroughput(Record):
 
 @record
 class Generation(Record):
-    """A whole learning on a device."""
+    """All learning updates of a generation, on a device."""
 
     robots: int
     """Number of robots."""
@@ -356,7 +356,7 @@ class Device(Benchmark):
     FORMAT = "eldir-benchmark-device/1"
 
     device: Literal["cuda", "vulkan"]
-    """By which interface robots learn."""
+    """Interface to the device."""
     name: str
     """Name of the device."""
     compiler: Literal["taichi", "quadrants"]
@@ -368,7 +368,7 @@ class Device(Benchmark):
     small: DeviceThroughput
     """Results with small random bodies."""
     generation: Generation
-    """A whole learning."""
+    """All learning updates of a generation."""
 
 
 @record

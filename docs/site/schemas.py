@@ -13,25 +13,24 @@ from typing import Any
 import results
 from pydantic.json_schema import GenerateJsonSchema
 
-from eldir.built.scene import BuiltScene
+from eldir.built.scene import PrintedScene
 from eldir.core.validation import Plain, adapter, field_texts
 from eldir.design import Design
-from eldir.evolution.printed.run_folder import PrintedRunFile
-from eldir.evolution.printed.status import PrintedStatus
+from eldir.evolution.printed.run_folder import PrintedRunFile, PrintedStatus
 from eldir.evolution.run_folder import RunFile
 from eldir.evolution.status import Status
 from eldir.trajectory import Trajectory
-from eldir_app.catalogue.notes import Notes
+from eldir_app.catalogue.facts import Notes
 from eldir_cad.kit.printer import Printer
 from eldir_cad.kit.specification import Specification
 from eldir_cad.packet.manifest import Manifest
-from eldir_cad.shortlist.numbers import Ranking
+from eldir_cad.shortlist.folder import Ranking
 from eldir_calibration.report.numbers import ReportNumbers
-from eldir_calibration.transfer.transfer_page import TransferNumbers
+from eldir_calibration.transfer.page import TransferNumbers
 from eldir_hardware.camera.lens import Lens
 from eldir_hardware.camera.plane import Plane, TagBoard
 from eldir_hardware.rig.configuration import Rig
-from eldir_hardware.safety.spring_memory import RememberedSprings
+from eldir_hardware.safety.spring_memory import SavedSprings
 from eldir_hardware.schedule import ActuationSchedule
 
 SCHEMAS = Path(__file__).parents[1] / "schemas"
@@ -43,15 +42,15 @@ FORMATS: dict[str, tuple[type, str]] = {
     "benchmark-speed": (results.Speed, "Result of eldir benchmark speed"),
     "benchmark-stability": (results.Stability, "Result of eldir benchmark stability"),
     "board": (results.Board, "A relay board that is driven or stopped"),
-    "built-scene": (BuiltScene, "The built robot as films have identified it"),
+    "built-scene": (PrintedScene, "The printed robot as identified from films"),
     "camera": (Lens, "Lens of one camera"),
-    "design": (Design, "A robot with its taught controller"),
+    "design": (Design, "A robot with its trained controller"),
     "info": (results.Info, "An installation"),
     "notes": (Notes, "Notes and tags of a log, beside it as LOG.notes.json"),
-    "packet-manifest": (Manifest, "What is in a build packet"),
+    "packet-manifest": (Manifest, "Contents of a build packet"),
     "plane": (Plane, "Plane of motion as one camera sees it"),
     "printed-run": (PrintedRunFile, "Configuration of an evolution of printed robots"),
-    "printed-status": (PrintedStatus, "How an evolution of printed robots stands"),
+    "printed-status": (PrintedStatus, "Status of an evolution of printed robots"),
     "printer": (Printer, "Printer"),
     "ranking": (Ranking, "Ranking of a shortlist: its designs, best first"),
     "report": (ReportNumbers, "Report of a run: three motions side by side"),
@@ -60,9 +59,9 @@ FORMATS: dict[str, tuple[type, str]] = {
     "runs": (results.Runs, "Recorded runs"),
     "schedule": (ActuationSchedule, "Heating schedule"),
     "specification": (Specification, "Parts"),
-    "springs": (RememberedSprings, "What is known of a board's springs from one run to the next"),
-    "status": (Status, "How an evolution stands"),
-    "tags": (TagBoard, "Fixed tags in the plane of motion"),
+    "springs": (SavedSprings, "State of a board's springs between two runs"),
+    "status": (Status, "Status of an evolution"),
+    "tags": (TagBoard, "Reference tags in the plane of motion"),
     "trajectory": (Trajectory, "Trajectory: marked masses over time"),
     "transfer": (TransferNumbers, "How well predicted walks transfer to a second physics"),
 }
@@ -70,17 +69,17 @@ FORMATS: dict[str, tuple[type, str]] = {
 
 
 class _Schema(GenerateJsonSchema):
-    """Plain dataclasses as records; what does not count when they are compared is not in their files."""
+    """Plain dataclasses as records; fields that are not compared are not in their files."""
 
     def dataclass_schema(self, schema: Any) -> Any:
-        found, kind = super().dataclass_schema(schema), schema["cls"]
+        result, kind = super().dataclass_schema(schema), schema["cls"]
         if not issubclass(kind, Plain):
-            entries, texts = found["properties"], field_texts(kind)
-            found["properties"] = {
+            entries, texts = result["properties"], field_texts(kind)
+            result["properties"] = {
                 f.name: entries[f.name] | {"description": texts[f.name]} for f in fields(kind) if f.compare
             }
-            found |= {"additionalProperties": False, "required": list(found["properties"])}
-        return found
+            result |= {"additionalProperties": False, "required": list(result["properties"])}
+        return result
 
 
 def schema_text(name: str) -> str:
@@ -94,7 +93,7 @@ def schema_text(name: str) -> str:
 
 
 def _without_titles(values: Any) -> Any:
-    """Without the titles that pydantic makes of the names of entries."""
+    """Remove the titles that pydantic makes from the names of entries."""
     if isinstance(values, list):
         return [_without_titles(value) for value in values]
     if not isinstance(values, dict):

@@ -14,18 +14,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple, get_args
 
 import numpy as np
 
-from eldir.benchmark.populations import small, without_motors
-from eldir.benchmark.turns import limited_threads
+from eldir.benchmark.measurement import limit_threads, small, without_motors
 from eldir.controller import Controller
 from eldir.core.kernels import Precision
 from eldir.core.records import FloatArray
 from eldir.engine.batch import prepare
-from eldir.engine.shortcuts import ALL
 from eldir.morphology import Morphology
-from eldir.rollout import FINE, loss_and_gradient, simulate
+from eldir.rollout import OK, loss_and_gradient, simulate
 from eldir.scene import Integrator, Scene
 from eldir.terrain import Terrain
-from eldir.training.initial import initial_controllers
+from eldir.training.loop import initial_controllers
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -84,7 +82,7 @@ def measure(quick: bool, say: Say) -> dict[str, Any]:
     """Measure all diagrams; `say` is called with a line after each scene."""
     robots, gradients = (5, 2) if quick else (16, 8)
     values: dict[str, Any] = {"robots": robots, "seconds": SECONDS, "scenes": {}}
-    with limited_threads(1):
+    with limit_threads(1):
         for name, case in cases(robots).items():
             points = diagram(case)
             if case.bodies[0].motors and name != "acting in free fall":
@@ -130,13 +128,11 @@ def reference_scene(scene: Scene) -> Scene:
 
 
 def ends(case: Case, scene: Scene) -> list[FloatArray]:
-    """Positions after the last step, (M, 2) for each robot; infinite where it blew up."""
+    """Positions after the last step, (M, 2) for each robot; infinite where it diverged."""
     found = []
     for body, brain in zip(case.bodies, case.brains, strict=True):
         (rollout,) = simulate([body], [brain], scene)
-        found.append(
-            rollout.positions[-1] if rollout.status == FINE else np.full(body.positions.shape, np.inf)
-        )
+        found.append(rollout.positions[-1] if rollout.status == OK else np.full(body.positions.shape, np.inf))
     return found
 
 
@@ -148,11 +144,11 @@ def distances(found: Sequence[FloatArray], reference: Sequence[FloatArray]) -> F
 
 def _seconds(case: Case, scene: Scene) -> float:
     """Processor time of the shortest of three runs [s]."""
-    way = prepare(case.bodies, case.brains, scene, iterations=0, backward=False, record=False, shortcuts=ALL)
+    variant = prepare(case.bodies, case.brains, scene)
     taken = []
     for _ in range(3):
         began = time.process_time()
-        way()
+        variant()
         taken.append(time.process_time() - began)
     return min(taken)
 

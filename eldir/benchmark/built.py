@@ -17,12 +17,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from eldir.benchmark.turns import limited_threads, take_turns
-from eldir.built.gait import FreeLengths, Gait, free_lengths_of_all
+from eldir.benchmark.measurement import limit_threads, time_in_turns
+from eldir.built.gait import FreeLengths, Gait, free_lengths_batch
 from eldir.built.robot import build
 from eldir.built.samples import NominalRobots
 from eldir.built.walking import displacements
-from eldir.evolution.printed.trials import counted
+from eldir.evolution.printed.trials import count_falls_as_zero
 from eldir.genotype import Genotype
 from eldir.lattice import Lattice
 from eldir.morphology import Morphology, develop
@@ -59,7 +59,7 @@ class Simplification(NamedTuple):
 
 REAL = BuiltParameters.tension
 EXACT = "hubs, 5 cycles"
-WAYS = {
+SIMPLIFICATIONS = {
     EXACT: Simplification(True, REAL, 5),
     "hubs, inertia x 4, 5 cycles": Simplification(True, REAL, 5, 4.0),
     "hubs, 1 cycle": Simplification(True, REAL, 1),
@@ -99,14 +99,17 @@ def _walker(
 def measure(quick: bool, say: Say) -> dict[str, Any]:
     """Measure all figures; `say` is called with a line after each part."""
     robots, turns = (walkers()[:_FEW], 1) if quick else (walkers(), 3)
-    walks = {name: np.full(len(robots), np.nan) for name in WAYS}
-    seconds = {name: np.zeros(turns) for name in WAYS}
+    walks = {name: np.full(len(robots), np.nan) for name in SIMPLIFICATIONS}
+    seconds = {name: np.zeros(turns) for name in SIMPLIFICATIONS}
     heating = np.zeros(turns)
-    with limited_threads(1):
+    with limit_threads(1):
         for r, robot in enumerate(robots):
             # The warm-up call is the one that is compared: results do not depend on the turn.
-            found = take_turns(
-                {name: _remembering(walks[name], r, robot, way) for name, way in WAYS.items()}
+            found = time_in_turns(
+                {
+                    name: _remembering(walks[name], r, robot, variant)
+                    for name, variant in SIMPLIFICATIONS.items()
+                }
                 | {"heat": lambda robot=robot: _heated(robot, RobotParameters(), 1)},
                 turns,
                 time.process_time,
@@ -115,7 +118,7 @@ def measure(quick: bool, say: Say) -> dict[str, Any]:
             for name, spent in found.items():
                 seconds[name] += spent / (_SAMPLES * len(robots))
             say(f"{r + 1} of {len(robots)} robots")
-    rows = {name: _row(walks[name], walks[EXACT], seconds[name]) for name in WAYS}
+    rows = {name: _row(walks[name], walks[EXACT], seconds[name]) for name in SIMPLIFICATIONS}
     for name, row in rows.items():
         say(f"{name}: {row}")
     return {
@@ -127,21 +130,23 @@ def measure(quick: bool, say: Say) -> dict[str, Any]:
     }
 
 
-def _remembering(kept: np.ndarray, r: int, robot: Walker, way: Simplification) -> Callable[[], object]:
+def _remembering(kept: np.ndarray, r: int, robot: Walker, variant: Simplification) -> Callable[[], object]:
     def run() -> None:
-        kept[r] = mean_walk(robot, way)
+        kept[r] = mean_walk(robot, variant)
 
     return run
 
 
-def mean_walk(robot: Walker, way: Simplification) -> float:
+def mean_walk(robot: Walker, variant: Simplification) -> float:
     """Mean walk of the samples, a fall counted as no walk [body lengths per five cycles]."""
-    printed = replace(BuiltParameters(), tension=way.tension)
-    nominal = RobotParameters(printed.with_hubs() if way.hubs else printed)
-    samples, tables = _heated(robot, nominal, way.cycles)
+    printed = replace(BuiltParameters(), tension=variant.tension)
+    nominal = RobotParameters(printed.with_hubs() if variant.hubs else printed)
+    samples, tables = _heated(robot, nominal, variant.cycles)
     built = [build(robot.body, s) for s in samples]
     return float(
-        counted(displacements(built, tables, way.cycles, nominal.free_lengths, way.mass_scaling)).mean()
+        count_falls_as_zero(
+            displacements(built, tables, variant.cycles, nominal.free_lengths, variant.mass_scaling)
+        ).mean()
     )
 
 
@@ -150,8 +155,8 @@ def _heated(
 ) -> tuple[list[RobotParameters], list[FreeLengths]]:
     """The samples of a robot, and the free lengths of their springs."""
     samples = NominalRobots(robot.body, nominal).samples(_SAMPLES, _SEED)
-    heated = [(robot.gait, s.springs_of(robot.body.motors)) for s in samples]
-    return samples, free_lengths_of_all(heated, cycles)
+    heated = [(robot.gait, s.motor_springs(robot.body.motors)) for s in samples]
+    return samples, free_lengths_batch(heated, cycles)
 
 
 def _row(walks: np.ndarray, exact: np.ndarray, seconds: np.ndarray) -> dict[str, float]:

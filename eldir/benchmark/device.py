@@ -8,18 +8,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from eldir.benchmark.populations import POPULATIONS
+from eldir.benchmark.measurement import POPULATIONS
 from eldir.core.kernels import compiler_name
+from eldir.defaults import ITERATIONS
 from eldir.engine.batch import device_task
-from eldir.engine.device.process import chosen_device, compute, device_text
-from eldir.engine.device.records import Task
+from eldir.engine.device.process import chosen_device, compute, device_label
+from eldir.engine.device.records import DeviceTask
 from eldir.engine.pack import pack
 from eldir.learning import initial_controllers
 from eldir.morphology import Morphology
-from eldir.physics import physics_of
+from eldir.physics import resolve_physics
 from eldir.scene import Scene
-from eldir.training.configuration import Training
-from eldir.training.defaults import ITERATIONS
+from eldir.training.configuration import TrainingConfig
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -32,7 +32,7 @@ def measure(quick: bool, say: Callable[[str], None]) -> dict[str, Any]:
     """Robot-iterations a second over numbers of robots, and a generation of 10 000. Raises `EldirError` where
     there is no device."""
     started = time.perf_counter()
-    values: dict[str, Any] = {"device": chosen_device(), "name": device_text(), "compiler": compiler_name()}
+    values: dict[str, Any] = {"device": chosen_device(), "name": device_label(), "compiler": compiler_name()}
     values["start_s"] = round(time.perf_counter() - started, 2)
     say(f"{values['name']}, {values['compiler']}")
     counts = (128, 512) if quick else (32, 128, 512, 1024, 2048, 4096)
@@ -53,7 +53,7 @@ def measure(quick: bool, say: Callable[[str], None]) -> dict[str, Any]:
     return values
 
 
-def _throughput(task: Task) -> float:
+def _throughput(task: DeviceTask) -> float:
     """Robot-iterations a second, without packing and transfers: the median of a few differences between
     two numbers of updates."""
     more = task._replace(settings=task.settings._replace(iterations=3 * task.settings.iterations))
@@ -65,14 +65,14 @@ def _throughput(task: Task) -> float:
     return round(float(computed / np.median(differences[1:])), 1)
 
 
-def _seconds(task: Task) -> float:
+def _seconds(task: DeviceTask) -> float:
     begun = time.perf_counter()
     compute(task)
     return time.perf_counter() - begun
 
 
 def _generation(bodies: list[Morphology]) -> tuple[float | None, float, float]:
-    """Mean last loss [m], None if a robot blew up; seconds of packing, and of learning with all transfers."""
+    """Mean last loss [m], None if a robot diverged; seconds of packing, and of learning and transfers."""
     begun = time.perf_counter()
     task = _task(bodies, ITERATIONS)
     packed = time.perf_counter()
@@ -82,10 +82,10 @@ def _generation(bodies: list[Morphology]) -> tuple[float | None, float, float]:
     return last if np.isfinite(last) else None, round(packed - begun, 3), round(ended - packed, 3)
 
 
-def _task(bodies: list[Morphology], iterations: int) -> Task:
+def _task(bodies: list[Morphology], iterations: int) -> DeviceTask:
     scene = Scene.preset("paper")
-    batch = pack(bodies, initial_controllers(bodies, scene, 0), scene, physics_of(bodies, scene, None))
-    return device_task(batch, scene, iterations, Training().update_length)
+    batch = pack(bodies, initial_controllers(bodies, scene, 0), scene, resolve_physics(bodies, scene, None))
+    return device_task(batch, scene, iterations, TrainingConfig().update_length)
 
 
 def plot(values: dict[str, Any]) -> Figure:

@@ -13,18 +13,17 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from eldir.benchmark.populations import big
-from eldir.benchmark.turns import limited_threads, ratio, take_turns
+from eldir.benchmark.measurement import big, limit_threads, ratio, time_in_turns
 from eldir.controller import Controller
 from eldir.core.records import FloatArray, IntArray
-from eldir.engine.batch import BatchResult, prepare, run_batch
+from eldir.engine.batch import BatchConfig, BatchResult, prepare, run_batch
 from eldir.engine.shortcuts import ALL, Shortcuts
 from eldir.learning import learn
 from eldir.morphology import Morphology
 from eldir.scene import Scene
 from eldir.terrain import Terrain
-from eldir.training.configuration import Training
-from eldir.training.initial import initial_controllers
+from eldir.training.configuration import TrainingConfig
+from eldir.training.loop import initial_controllers
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -33,10 +32,10 @@ Bodies = list[Morphology]
 Task = Callable[[], BatchResult]
 _COPIES = 4
 _LINE = "{:40}{:>6}  {}"  # of the table
-_STIFF = 1.0e6  # every robot blows up at once [N/m]
+_STIFF = 1.0e6  # every robot diverges at once [N/m]
 
 
-class Ways(NamedTuple):
+class VariantPair(NamedTuple):
     """The same robots simulated in two ways."""
 
     short: Task
@@ -48,57 +47,59 @@ def _task(
     shortcuts: Shortcuts = ALL,
 ) -> Task:  # fmt: skip
     chosen = brains if brains is not None else initial_controllers(bodies, scene, 0)
-    return prepare(bodies, chosen, scene, iterations=0, backward=backward, record=False, shortcuts=shortcuts)
+    return prepare(bodies, chosen, scene, config=BatchConfig(backward=backward, shortcuts=shortcuts))
 
 
-def no_controller(bodies: Bodies, scene: Scene) -> Ways:
+def no_controller(bodies: Bodies, scene: Scene) -> VariantPair:
     passive = [with_motors(body, False) for body in bodies]
-    return Ways(_task(passive, scene), _task(passive, scene, shortcuts=Shortcuts(no_controller=False)))
+    return VariantPair(_task(passive, scene), _task(passive, scene, shortcuts=Shortcuts(no_controller=False)))
 
 
-def no_sensing(bodies: Bodies, scene: Scene) -> Ways:
+def no_sensing(bodies: Bodies, scene: Scene) -> VariantPair:
     deaf = scene.replace(sensing="none")
-    return Ways(_task(bodies, deaf), _task(bodies, deaf, shortcuts=Shortcuts(no_sensing=False)))
+    return VariantPair(_task(bodies, deaf), _task(bodies, deaf, shortcuts=Shortcuts(no_sensing=False)))
 
 
-def no_gradient(bodies: Bodies, scene: Scene) -> Ways:
-    return Ways(_task(bodies, scene, backward=False), _task(bodies, scene))
+def no_gradient(bodies: Bodies, scene: Scene) -> VariantPair:
+    return VariantPair(_task(bodies, scene, backward=False), _task(bodies, scene))
 
 
-def no_history(bodies: Bodies, scene: Scene) -> Ways:
+def no_history(bodies: Bodies, scene: Scene) -> VariantPair:
     long = _task(bodies, scene, backward=False, shortcuts=Shortcuts(no_history=False))
-    return Ways(_task(bodies, scene, backward=False), long)
+    return VariantPair(_task(bodies, scene, backward=False), long)
 
 
-def no_search_on_level_ground(bodies: Bodies, scene: Scene) -> Ways:
+def no_search_on_level_ground(bodies: Bodies, scene: Scene) -> VariantPair:
     cut = Terrain.from_segments(np.linspace(-1, 1.25, 33), np.zeros(33), np.full(33, 0.1))
     slippery = scene.replace(contact="friction")
     long = slippery.replace(terrain=cut)
-    return Ways(_task(bodies, slippery), _task(bodies, long, shortcuts=Shortcuts(grid=False)))
+    return VariantPair(_task(bodies, slippery), _task(bodies, long, shortcuts=Shortcuts(grid=False)))
 
 
-def grid_on_rugged_ground(bodies: Bodies, scene: Scene) -> Ways:
+def grid_on_rugged_ground(bodies: Bodies, scene: Scene) -> VariantPair:
     rugged = scene.replace(terrain=Terrain.rugged(np.random.default_rng(1)))
-    return Ways(_task(bodies, rugged), _task(bodies, rugged, shortcuts=Shortcuts(grid=False)))
+    return VariantPair(_task(bodies, rugged), _task(bodies, rugged, shortcuts=Shortcuts(grid=False)))
 
 
-def no_contact(bodies: Bodies, scene: Scene) -> Ways:
+def no_contact(bodies: Bodies, scene: Scene) -> VariantPair:
     free = scene.replace(contact="none")
-    return Ways(_task(bodies, free), _task(bodies, free, shortcuts=Shortcuts(no_contact=False)))
+    return VariantPair(_task(bodies, free), _task(bodies, free, shortcuts=Shortcuts(no_contact=False)))
 
 
-def no_outputs_for_passive_springs(bodies: Bodies, scene: Scene) -> Ways:
+def no_outputs_for_passive_springs(bodies: Bodies, scene: Scene) -> VariantPair:
     brains = initial_controllers(bodies, scene, 0)
     wide = [_with_silent_outputs(body, brain) for body, brain in zip(bodies, brains, strict=True)]
-    return Ways(_task(bodies, scene, brains), _task([with_motors(b, True) for b in bodies], scene, wide))
+    return VariantPair(
+        _task(bodies, scene, brains), _task([with_motors(b, True) for b in bodies], scene, wide)
+    )
 
 
-def stop(bodies: Bodies, scene: Scene) -> Ways:
+def stop(bodies: Bodies, scene: Scene) -> VariantPair:
     stiff = scene.replace(stiffness=_STIFF, large_step="run")
-    return Ways(_task(bodies, stiff), _task(bodies, stiff, shortcuts=Shortcuts(stop=False)))
+    return VariantPair(_task(bodies, stiff), _task(bodies, stiff, shortcuts=Shortcuts(stop=False)))
 
 
-CASES: dict[str, Callable[[Bodies, Scene], Ways]] = {
+CASES: dict[str, Callable[[Bodies, Scene], VariantPair]] = {
     "no controller for passive bodies": no_controller,
     "no sensing in an open loop": no_sensing,
     "no adjoint without a gradient": no_gradient,
@@ -111,11 +112,11 @@ CASES: dict[str, Callable[[Bodies, Scene], Ways]] = {
 }
 
 
-def difference(ways: Ways) -> dict[str, float]:
+def difference(variants: VariantPair) -> dict[str, float]:
     """Greatest differences of the losses [m], and of the gradients of W1 and b1 relative to their length."""
-    short, long = ways.short(), ways.long()
+    short, long = variants.short(), variants.long()
     found = {"loss": _greatest(short.losses, long.losses), "status": _greatest(short.status, long.status)}
-    if all(len(way.best) == len(way.batch.weights) for way in (short, long)):
+    if all(len(variant.best) == len(variant.batch.weights) for variant in (short, long)):
         pairs = zip(short.batch.controllers(short.best), long.batch.controllers(long.best), strict=True)
         apart = [
             (_greatest(a.w1, b.w1) + _greatest(a.b1, b.b1)) / (np.linalg.norm(a.w1) or 1.0) for a, b in pairs
@@ -130,9 +131,9 @@ def measure(quick: bool, say: Callable[[str], None]) -> dict[str, Any]:
     values: dict[str, Any] = {"turns": turns, "robots": len(bodies), "skips": {}}
     say(_LINE.format("shortcut", "gain", "greatest difference"))
     for name, case in CASES.items():
-        with limited_threads(1):
-            ways = case(bodies, Scene())
-            seconds = take_turns(ways._asdict(), turns, time.process_time)
+        with limit_threads(1):
+            variants = case(bodies, Scene())
+            seconds = time_in_turns(variants._asdict(), turns, time.process_time)
             apart = difference(case(bodies, Scene()))
         values["skips"][name] = {"gain": round(ratio(seconds, "long", "short"), 3), "difference": apart}
         say(_row(name, values["skips"][name]))
@@ -157,11 +158,14 @@ def _repeated(bodies: Bodies, turns: int) -> dict[str, Any]:
 
     def long() -> FloatArray:
         return run_batch(
-            copies, brains, scene, iterations=1, backward=True, update_length=Training().update_length
+            copies,
+            brains,
+            scene,
+            config=BatchConfig(iterations=1, backward=True, update_length=TrainingConfig().update_length),
         ).losses
 
-    with limited_threads(1):
-        seconds = take_turns({"short": short, "long": long}, turns, time.process_time)
+    with limit_threads(1):
+        seconds = time_in_turns({"short": short, "long": long}, turns, time.process_time)
         apart = {"loss": _greatest(short(), long())}
     return {"gain": round(ratio(seconds, "long", "short"), 3), "difference": apart}
 

@@ -6,23 +6,25 @@ and update over 1000 states; learning's last forward pass is not counted.
 
 from __future__ import annotations
 
+import json
+import os
+import subprocess
+import sys
+import tempfile
 import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from eldir.benchmark import cost
-from eldir.benchmark.populations import POPULATIONS
+from eldir.benchmark.measurement import POPULATIONS, limit_threads, ratio, time_in_turns
 from eldir.benchmark.skips import with_motors
-from eldir.benchmark.turns import limited_threads, ratio, take_turns
-from eldir.engine.batch import prepare
-from eldir.engine.shortcuts import ALL
+from eldir.engine.batch import BatchConfig, prepare
 from eldir.morphology import Morphology
 from eldir.scene import Scene
 from eldir.terrain import Terrain
-from eldir.training.configuration import Training
-from eldir.training.initial import initial_controllers
+from eldir.training.configuration import TrainingConfig
+from eldir.training.loop import initial_controllers
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -40,9 +42,9 @@ def measure(quick: bool, say: Say) -> dict[str, Any]:
         say(f"{name}: {values[name]}")
     values["scaling"] = _scaling(POPULATIONS["big"](2 * robots), turns)
     say(f"scaling over threads: {values['scaling']}")
-    values["memory"] = cost.memory(1000 if quick else 10_000)
+    values["memory"] = memory(1000 if quick else 10_000)
     say(f"memory: {values['memory']}")
-    values["first_use"] = cost.first_use()
+    values["first_use"] = first_use()
     say(f"first use: {values['first_use']}")
     return values
 
@@ -53,8 +55,8 @@ def _throughput(bodies: list[Morphology], turns: int) -> dict[str, Any]:
     paper, rugged = Scene(), Scene().replace(terrain=Terrain.rugged(np.random.default_rng(1)))
     deaf = paper.replace(sensing="none")
     passive = [with_motors(body, False) for body in bodies]
-    with limited_threads(1):
-        ways = {
+    with limit_threads(1):
+        variants = {
             "whole": _learning(bodies, paper),
             "forward": _forward(bodies, paper),
             "open loop": _learning(bodies, deaf),
@@ -65,7 +67,7 @@ def _throughput(bodies: list[Morphology], turns: int) -> dict[str, Any]:
             "float64": _learning(bodies, paper.replace(precision="f64")),
             "float64 forward": _forward(bodies, paper.replace(precision="f64")),
         }
-    seconds = take_turns(ways, turns, time.process_time)
+    seconds = time_in_turns(variants, turns, time.process_time)
     for learning, forward in (
         ("whole", "forward"),
         ("open loop", "open loop forward"),
@@ -85,12 +87,12 @@ def _throughput(bodies: list[Morphology], turns: int) -> dict[str, Any]:
 
 def _scaling(bodies: list[Morphology], turns: int) -> dict[str, float]:
     """Speed with several threads, relative to one thread."""
-    ways = {}
+    variants = {}
     for n in (1, 2, 4):
-        with limited_threads(n):
-            ways[str(n)] = _learning(bodies, Scene())
-    seconds = take_turns(ways, turns)
-    return {n: round(ratio(seconds, "1", n), 3) for n in ways}
+        with limit_threads(n):
+            variants[str(n)] = _learning(bodies, Scene())
+    seconds = time_in_turns(variants, turns)
+    return {n: round(ratio(seconds, "1", n), 3) for n in variants}
 
 
 def _learning(bodies: list[Morphology], scene: Scene) -> Callable[[], object]:
@@ -99,17 +101,15 @@ def _learning(bodies: list[Morphology], scene: Scene) -> Callable[[], object]:
         bodies,
         brains,
         scene,
-        iterations=_ITERATIONS,
-        backward=True,
-        record=False,
-        shortcuts=ALL,
-        update_length=Training().update_length,
+        config=BatchConfig(
+            iterations=_ITERATIONS, backward=True, update_length=TrainingConfig().update_length
+        ),
     )
 
 
 def _forward(bodies: list[Morphology], scene: Scene) -> Callable[[], object]:
     brains = initial_controllers(bodies, scene, 0)
-    return prepare(bodies, brains, scene, iterations=0, backward=False, record=False, shortcuts=ALL)
+    return prepare(bodies, brains, scene)
 
 
 def plot(values: dict[str, Any]) -> Figure:
@@ -132,3 +132,57 @@ def plot(values: dict[str, Any]) -> Figure:
     lines.plot(counts, counts, color="grey", lw=0.8)
     lines.set(xlabel="threads", ylabel="speed, relative to one thread", xticks=counts)
     return figure
+
+
+_MEMORY = """
+import json, resource, sys
+from eldir.benchmark.measurement import big
+from eldir.learning import learn
+from eldir.scene import Scene
+
+def peak():
+    return round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20, 3)
+
+learn(big(1), Scene(), 1)
+begun = peak()
+bodies = big(int(sys.argv[1]), seed=2)
+bred = peak()
+learn(bodies, Scene().replace(steps=10), 1)
+print(json.dumps({"robots": len(bodies), "engine_gb": begun, "bodies_gb": bred, "peak_gb": peak()}))
+"""
+_FIRST_USE = """
+import json, time
+began = time.process_time()
+from eldir.benchmark.measurement import small
+from eldir.learning import learn
+from eldir.scene import Scene
+bodies, scene = small(1), Scene().replace(steps=2)
+from eldir.engine.runtime import start
+start()
+started = time.process_time()
+learn(bodies, scene, 1)
+print(json.dumps({"start_s": round(started - began, 2), "kernel_s": round(time.process_time() - started, 2)}))
+"""
+
+
+def memory(robots: int) -> dict[str, float]:
+    """Peak memory [GB] with the engine started, with random bodies beside it, and after they learned."""
+    return _ask(_MEMORY, [str(robots)], {})
+
+
+def first_use() -> dict[str, dict[str, float]]:
+    """Processor seconds until the engine has started, and until the kernel has run: compiled, and later.
+
+    Without NumPy's own threads: these only wait here, and their waiting would count."""
+    with tempfile.TemporaryDirectory(prefix="eldir-") as cache:
+        changes = {f"{c}_OFFLINE_CACHE_FILE_PATH": cache for c in ("TI", "QD")} | {"ELDIR_THREADS": "1"}
+        changes |= {"OPENBLAS_NUM_THREADS": "1"}
+        return {name: _ask(_FIRST_USE, [], changes) for name in ("compiled", "cached")}
+
+
+def _ask(code: str, arguments: list[str], changes: dict[str, str]) -> dict[str, float]:
+    ran = subprocess.run(
+        [sys.executable, "-c", code, *arguments], check=True, stdout=subprocess.PIPE, env=os.environ | changes
+    )
+    values: dict[str, float] = json.loads(ran.stdout)
+    return values

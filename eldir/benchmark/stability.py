@@ -1,4 +1,4 @@
-"""`eldir benchmark stability`: where simulations blow up, compared with the predicted limit.
+"""`eldir benchmark stability`: where simulations diverge, compared with the predicted limit.
 
 It measures a map over stiffness, step, damping, actuation, precision, horizon and slope of the ground, with
 the limit that `eldir.engine.stable_step` predicts; extreme bodies and states; and random robots that learn.
@@ -8,25 +8,78 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 
-from eldir.benchmark import extremes
-from eldir.benchmark.populations import big
+from eldir.benchmark.measurement import big
 from eldir.core.kernels import Precision
+from eldir.core.records import BoolArray
 from eldir.engine.stable_step import stable_step
-from eldir.evolution.population import valid
+from eldir.evolution.population import is_valid
+from eldir.genotype import Genotype
+from eldir.lattice import Lattice
 from eldir.learning import learn
-from eldir.morphology import Morphology
-from eldir.rollout import FINE, REFUSED, Rollout, simulate
+from eldir.morphology import Morphology, develop
+from eldir.rollout import OK, REFUSED, Rollout, simulate
 from eldir.scene import Scene
 from eldir.terrain import Terrain
-from eldir.training.configuration import Training
-from eldir.training.initial import initial_controllers
+from eldir.training.configuration import TrainingConfig
+from eldir.training.loop import initial_controllers
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+SHAPES: dict[str, list[tuple[int, int]]] = {
+    "triangle": [(0, 1)],
+    "hinge": [(0, 1), (1, 1)],
+    "beam": [(0, column) for column in range(22)],
+    "tower": [(row, 5) for row in range(13)],
+    "lattice": [(row, column) for row in range(13) for column in range(22)],
+}
+
+
+def extreme_bodies() -> dict[str, Morphology]:
+    """One triangle, two on a hinge, a 22-long beam, a tower, the whole lattice; none and all active;
+    two masses in one place; springs that expand at once without limit; a body half in the ground."""
+    found = {name: body_of(cells) for name, cells in SHAPES.items()}
+    few = body_of([(0, 1), (0, 2), (0, 3), (1, 3)])
+    found["no active spring"] = replace(few, active=np.zeros(len(few.springs), bool))
+    found["all active"] = replace(few, active=np.ones(len(few.springs), bool))
+    merged = few.positions.copy()
+    merged[1] = merged[0]
+    found["coincident masses"] = replace(few, positions=merged)
+    found["bursting"] = replace(found["hinge"], rest_lengths=np.full(len(found["hinge"].springs), 1e30))
+    found["in the ground"] = replace(few, positions=few.positions - np.array([0, 0.09]))
+    return found
+
+
+def body_of(cells: list[tuple[int, int]]) -> Morphology:
+    """Triangles by row and column on the paper's lattice, half of the springs active."""
+    lattice, mask = Lattice(), np.zeros((13, 22), bool)
+    mask[tuple(np.array(cells).T)] = True
+    return develop(lattice, Genotype(mask, _half(lattice, mask)))
+
+
+def _half(lattice: Lattice, mask: BoolArray) -> BoolArray:
+    active = np.random.default_rng(0).random(len(lattice.springs)) < 0.5
+    active[np.flatnonzero(lattice.expressed_springs(mask))[0]] = True
+    return active
+
+
+def extreme_grounds(scene: Scene) -> dict[str, Scene]:
+    """Flat with and without slip, rugged, a slope of 72 degrees, and one ridge."""
+    steep = Terrain.from_segments(np.array([-1.0, 0.1]), np.array([0.0, 3.0]), np.array([0.1, -0.2]))
+    ridge = Terrain.from_segments(np.array([-1.0, 0.05]), np.array([0.5, -0.5]), np.array([0.075, 0.125]))
+    return {
+        "no slip": scene,
+        "friction": scene.replace(contact="friction"),
+        "rugged": scene.replace(terrain=Terrain.rugged(np.random.default_rng(1))),
+        "steep": scene.replace(terrain=steep),
+        "ridge": scene.replace(terrain=ridge),
+    }
+
 
 Say = Callable[[str], None]
 PARTS = (0.7, 0.9, 0.97, 1.03, 1.1, 1.4)
@@ -67,7 +120,7 @@ def _table_of_random_robots(found: dict[str, Any]) -> str:
 
 def border(quick: bool) -> list[dict[str, Any]]:
     """Runs on both sides of the predicted limit, with the share that stayed stable."""
-    bodies = [extremes.bodies()[name] for name in ("hinge", "beam")] + big(1)
+    bodies = [extreme_bodies()[name] for name in ("hinge", "beam")] + big(1)
     points = []
     for stiffness, damping, actuation, precision, steps, slope in itertools.product(
         (1e3, 3e4, 1e6) if quick else (1e3, 1e4, 3e4, 1e5, 1e6, 1e7),
@@ -104,7 +157,7 @@ def _slope(slope: float) -> Terrain:
 
 def _lasts(body: Morphology, scene: Scene) -> bool:
     (rollout,) = simulate([body], initial_controllers([body], scene, 0), scene)
-    return rollout.status == FINE and bool(
+    return rollout.status == OK and bool(
         np.abs(rollout.velocities).max() < _FASTEST * np.sqrt(scene.stiffness)
     )
 
@@ -125,8 +178,8 @@ def edge() -> list[dict[str, Any]]:
     found = []
     for precision in get_args(Precision):
         paper = Scene.preset("paper").replace(steps=300, precision=precision, large_step="run")
-        for ground, scene in extremes.grounds(paper).items():
-            bodies = extremes.bodies()
+        for ground, scene in extreme_grounds(paper).items():
+            bodies = extreme_bodies()
             brains = initial_controllers(list(bodies.values()), scene, 0)
             together = simulate(list(bodies.values()), brains, scene)
             for (name, body), brain, rollout in zip(bodies.items(), brains, together, strict=True):
@@ -142,10 +195,10 @@ def edge() -> list[dict[str, Any]]:
 
 def _flagged(rollout: Rollout) -> bool:
     """Whether states and loss are finite wherever the status says so."""
-    last = rollout.status if rollout.status != FINE else len(rollout.positions) - 1
+    last = rollout.status if rollout.status != OK else len(rollout.positions) - 1
     states = (rollout.positions[: last + 1], rollout.velocities[: last + 1])
     sound = all(np.isfinite(values).all() for values in states)
-    return bool(sound and np.isfinite(rollout.loss) == (rollout.status == FINE))
+    return bool(sound and np.isfinite(rollout.loss) == (rollout.status == OK))
 
 
 def _same(a: Rollout, b: Rollout) -> bool:
@@ -160,7 +213,7 @@ def random_robots(n: int) -> dict[str, Any]:
         bodies = big(min(500, n - first), seed=10_000 + first)
         result = learn(bodies, scene, 35, seed=first)
         finite = np.isfinite(result.losses).all(axis=1)
-        sound = valid(result.losses, Training.of(scene).jump_threshold)
+        sound = is_valid(result.losses, TrainingConfig.of(scene).jump_threshold)
         why["refused"] += int((result.status == REFUSED).sum())
         why["blown up"] += int((~finite & (result.status != REFUSED)).sum())
         why["jump"] += int((finite & ~sound).sum())

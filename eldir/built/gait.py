@@ -1,18 +1,19 @@
-"""Gaits: when each motor heats within a period, and the free lengths that result."""
+"""Gaits: when each motor heats within a period, the free lengths that result, and films of gaits."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Annotated
 
 import numpy as np
 from pydantic import Field
 
 from eldir.built.heat import SpringState, heat
-from eldir.core.arguments import require_number, require_value, whole_number
+from eldir.core.arguments import require_count, require_value, require_whole_number
 from eldir.core.records import Array, BoolArray, FloatArray, Record, record
-from eldir.core.validation import validated
+from eldir.core.validation import validate
 from eldir.design import Design
 from eldir.parameters.springs import SpringParameters
 from eldir.rollout import Rollout
@@ -51,9 +52,9 @@ class Gait(Record):
     def __post_init__(self) -> None:
         if self.duty.shape != self.phase.shape or not ((self.duty >= 0) & (self.duty < 1)).all():
             motors = len(self.phase)
-            raise ValueError(f"the duty of a gait: expected {motors} in [0, 1), found {self.duty.tolist()}")
+            raise ValueError(f"invalid duty: expected {motors} values in [0, 1), found {self.duty.tolist()}")
 
-    def on(self, times: FloatArray) -> BoolArray:
+    def is_heating(self, times: FloatArray) -> BoolArray:
         """Whether each motor heats at `times` since the start of the first cycle [s], shape (T, A)."""
         cycle = np.asarray(times)[:, None] / self.period
         return ((cycle - self.phase) % 1.0 < self.duty) & (cycle >= 0)
@@ -83,7 +84,7 @@ class Gait(Record):
         return cls(period, np.array(phase), np.array(duty), "imitate")
 
 
-def gait_of(design: Design) -> Gait | None:
+def read_gait(design: Design) -> Gait | None:
     """The gait that a design carries, evolved with it or found by `eldir shortlist`; None if there is none.
 
     Raises `InputError` if it is damaged or does not fit the design's motors.
@@ -91,8 +92,8 @@ def gait_of(design: Design) -> Gait | None:
     values = design.provenance.get("gait")
     if values is None:
         return None
-    gait = validated(Gait, values, "the design's gait", "run eldir shortlist again")
-    require_number("phases in the design's gait", len(gait.phase), design.morphology.motors, "motor")
+    gait = validate(Gait, values, "the design's gait", "run eldir shortlist again")
+    require_count("phases in the design's gait", len(gait.phase), design.morphology.motors, "motor")
     return gait
 
 
@@ -151,10 +152,10 @@ def free_lengths(
     """
     if not isinstance(springs, Sequence):
         springs = [springs or SpringParameters()] * len(gait.phase)
-    return free_lengths_of_all([(gait, springs)], cycles, conditioning, interval)[0]
+    return free_lengths_batch([(gait, springs)], cycles, conditioning, interval)[0]
 
 
-def free_lengths_of_all(
+def free_lengths_batch(
     robots: Sequence[tuple[Gait, Sequence[SpringParameters]]],
     cycles: int = CYCLES,
     conditioning: int = CONDITIONING,
@@ -166,17 +167,20 @@ def free_lengths_of_all(
     see `heat`."""
     if not robots:
         return []
-    cycles, conditioning = whole_number("cycles", cycles, 0), whole_number("conditioning", conditioning, 0)
+    cycles, conditioning = (
+        require_whole_number("cycles", cycles, 0),
+        require_whole_number("conditioning", conditioning, 0),
+    )
     require_value("interval", 0 < interval < np.inf, "more than 0 s", interval)
     for gait, own in robots:
-        require_number("phases in the gait", len(gait.phase), len(own), "spring that it heats")
+        require_count("phases in the gait", len(gait.phase), len(own), "spring that it heats")
     ends = [round((SETTLE + gait.period * (cycles + conditioning)) / interval) for gait, _ in robots]
     every = [p for _, own in robots for p in own]
     on = np.zeros((max(ends), len(every)), bool)
     starts = np.arange(max(ends)) * interval - SETTLE + 1e-9
     last = np.cumsum([len(own) for _, own in robots])
     for (gait, own), end, column in zip(robots, ends, last, strict=True):
-        on[:end, column - len(own) : column] = gait.on(starts[:end])
+        on[:end, column - len(own) : column] = gait.is_heating(starts[:end])
     state = SpringState(np.array([p.ambient for p in every]), np.ones(len(every)))
     history = heat(on, interval, every, state, many=many)
     lengths = np.concatenate([[[p.cold_length for p in every]], history.length])
@@ -189,3 +193,60 @@ def free_lengths_of_all(
         )
         for (gait, own), end, column in zip(robots, ends, last, strict=True)
     ]
+
+
+_SAME = 1e-4  # of a period: schedules are rounded to milliseconds
+_WALK = 0.1  # body lengths per five cycles: less counts as standing still
+
+
+@record
+class FilmedGait(Record):
+    """A gait, and the walk that was filmed with it."""
+
+    log: str
+    """File name of the log."""
+    period_s: Annotated[float, Field(gt=0)]
+    """Period of the gait [s]."""
+    phase: Annotated[FloatArray, Array("f8", None)]
+    """Start of heating of each motor, as a part of the period."""
+    duty: Annotated[FloatArray, Array("f8", None)]
+    """Duration of heating of each motor, as a part of the period."""
+    cycles: Annotated[int, Field(ge=1)]
+    """Number of complete cycles in the film."""
+    walked: Annotated[float, Field(alias="body_lengths_per_5_cycles")]
+    """Displacement that the camera measured [body lengths per five cycles]."""
+    upright: bool
+    """Whether the robot stayed upright: its marks were rotated by more than 45 degrees for less than a second
+    in all."""
+
+    def __post_init__(self) -> None:
+        _ = self.gait  # which refuses what is no gait
+
+    @classmethod
+    def of(cls, gait: Gait, walked: float, upright: bool, cycles: int, log: str) -> FilmedGait:
+        """The film of a gait."""
+        return cls(log, gait.period, gait.phase, gait.duty, cycles, walked, upright)
+
+    @cached_property
+    def gait(self) -> Gait:
+        """The gait that was filmed."""
+        return Gait(self.period_s, self.phase, self.duty)
+
+    @property
+    def has_walked(self) -> bool:
+        """Whether the robot went forward without a fall."""
+        return self.upright and self.walked >= _WALK
+
+    @property
+    def summary(self) -> str:
+        """The measured displacement, in one line."""
+        how = f"{self.walked:+.2f} body lengths per five cycles"
+        return f"{how}, upright" if self.upright else f"{how}, and it fell"
+
+    def shows(self, gait: Gait) -> bool:
+        """Whether the film shows this gait, up to the rounding of a schedule."""
+        mine, other = (
+            np.concatenate([[1e-3 * g.period], (g.phase + 0.5 * _SAME) % 1, g.duty])
+            for g in (self.gait, gait)
+        )
+        return bool(np.allclose(mine, other, rtol=0, atol=_SAME))

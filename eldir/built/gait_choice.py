@@ -7,10 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from eldir.built.filmed_gait import FilmedGait
-from eldir.built.gait import Gait
-from eldir.built.samples import IdentifiedRobots, SampledWalks, most_probable_walks
-from eldir.built.scene import BuiltScene
+from eldir.built.gait import FilmedGait, Gait
+from eldir.built.samples import IdentifiedRobots, SampledWalks, simulate_most_probable
+from eldir.built.scene import PrintedScene
 from eldir.design import Design
 
 _MARGIN, _MARGIN_WITHOUT_FIT = 1.0, 2.0
@@ -19,7 +18,7 @@ model fits the films, and if it does not."""
 
 
 @dataclass(frozen=True)
-class Choice:
+class GaitChoice:
     """The gait to drive next."""
 
     gait: Gait
@@ -29,22 +28,22 @@ class Choice:
     """Reason for the choice, in one line."""
 
 
-def choose(
-    design: Design, other: Gait, walks: SampledWalks, filmed: Sequence[FilmedGait], scene: BuiltScene
-) -> Choice:
+def choose_gait(
+    design: Design, other: Gait, walks: SampledWalks, filmed: Sequence[FilmedGait], scene: PrintedScene
+) -> GaitChoice:
     """Choose the best of the `filmed` gaits or another gait, with which sampled robots walk `walks`.
 
     The samples must differ from those of the search that found the gait. The standard deviation of the
     prediction has two parts: the spread of the samples, where a fall counts as no motion; and the error of
     the most probable robot in the filmed gaits.
     """
-    walking = [film for film in filmed if film.walks]
+    walking = [film for film in filmed if film.has_walked]
     if not walking:
         why = "no filmed gait walked" if filmed else "there is no film of this robot"
-        return Choice(other, None, f"new gait: {why}")
+        return GaitChoice(other, None, f"new gait: {why}")
     best = max(walking, key=lambda film: film.walked)
     robots = IdentifiedRobots.of(design, scene)
-    itself, *again = most_probable_walks(robots, [other, *(film.gait for film in filmed)]).tolist()
+    itself, *again = simulate_most_probable(robots, [other, *(film.gait for film in filmed)]).tolist()
     saw = [film.walked if film.upright else 0.0 for film in filmed]
     wrong = np.abs(np.where(np.isfinite(again), again, 0.0) - saw).max()
     deviations = _MARGIN if scene.model_fits else _MARGIN_WITHOUT_FIT
@@ -53,8 +52,8 @@ def choose(
     says = f"{predicted:+.2f} +- {margin:.2f}" if np.isfinite(predicted) else "a fall"
     if predicted - margin > best.walked:
         reason = f"new gait: predicted {says}; the best filmed gait walked {best.walked:+.2f}"
-        return Choice(other, None, reason)
-    return Choice(
+        return GaitChoice(other, None, reason)
+    return GaitChoice(
         best.gait,
         best,
         f"filmed gait kept: it walked {best.walked:+.2f}; predicted for the best other: {says}",

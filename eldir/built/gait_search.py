@@ -1,4 +1,4 @@
-"""Search for the gait that carries a built robot farthest forward, within the heating limits of a rig."""
+"""Search for the gait that carries a printed robot farthest forward, within the heating limits of a rig."""
 
 from __future__ import annotations
 
@@ -8,18 +8,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eldir.built.filmed_gait import FilmedGait
-from eldir.built.gait import Gait, gait_of
-from eldir.built.gait_choice import choose
+from eldir.built.gait import FilmedGait, Gait, read_gait
+from eldir.built.gait_choice import choose_gait
 from eldir.built.samples import (
     IdentifiedRobots,
     NominalRobots,
     RobotDistribution,
     SampledWalks,
-    most_probable_walks,
-    sampled_walks,
+    sample_walks,
+    simulate_most_probable,
 )
-from eldir.built.scene import BuiltScene
+from eldir.built.scene import PrintedScene
 from eldir.built.screening import candidate_gaits
 from eldir.design import Design
 from eldir.parameters.printed import BuiltParameters
@@ -40,7 +39,7 @@ _OTHER_TIMES = "simulating other periods and times of heating"
 
 
 def silent(what: str) -> None:
-    """Says nothing."""
+    """Ignore what is computed."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +56,7 @@ class HeatingLimits:
 
 
 @dataclass(frozen=True)
-class FoundGaits:
+class GaitSearchResult:
     """The gaits of a design on a rig, with the walks predicted for them."""
 
     gaits: dict[str, Gait]
@@ -84,106 +83,112 @@ def find_gait(
     imitate: bool = False,
     seed: int = 0,
     samples: int = 16,
-    scene: BuiltScene | None = None,
+    scene: PrintedScene | None = None,
     stage: Stage = silent,
-) -> FoundGaits:
+) -> GaitSearchResult:
     """Search a gait or take the one that evolved with the design, imitate the closed loop, predict both
     walks, and choose.
 
-    With a `scene` from films, gaits are searched and predicted for robots drawn from it. A filmed gait that
+    With a `scene` from films, gaits are searched and predicted for robots sampled from it. A filmed gait that
     walked is kept, unless another one is better by more than the required margin (`eldir.built.gait_choice`).
     `samples`: robots for which each walk is predicted. `stage` is called with what is computed next. The same
     seed gives the same result.
     """
     filmed = [] if scene is None else [f for f in scene.filmed_of(design) if limits.allowed(f.gait)]
-    if scene is None and (own := gait_of(design)) is not None and own.method == EVOLVED:
-        return _with_evolved(design, limits, own, imitate, seed, samples, stage)
+    if scene is None and (own := read_gait(design)) is not None and own.method == EVOLVED:
+        return _find_evolved_gait(design, limits, own, imitate, seed, samples, stage)
     if scene is None:
-        robots, searched = _unfilmed(design, limits), searched_gait(design, limits, seed, stage)
+        robots, searched = nominal_robots(design, limits), search_gait(design, limits, seed, stage)
     else:
         robots = IdentifiedRobots.of(design, scene, [f.gait for f in filmed])
-        searched = robust_gait(design, limits, scene, filmed, seed, stage)
-    gaits = {"search": searched, "imitate": imitated_gait(design)}
-    found = _walks(robots, list(gaits.values()), samples, seed, stage, _PREDICTING.format(samples))
+        searched = search_robust_gait(design, limits, scene, filmed, seed, stage)
+    gaits = {"search": searched, "imitate": imitate_gait(design)}
+    found = sample_walks_in_turn(
+        robots, list(gaits.values()), samples, seed, stage, _PREDICTING.format(samples)
+    )
     walks = dict(zip(gaits, found, strict=True))
     if imitate:
-        return FoundGaits(gaits, walks, "imitate")
+        return GaitSearchResult(gaits, walks, "imitate")
     if scene is None:
-        return FoundGaits(gaits, walks, "search")
-    chosen = choose(design, searched, walks["search"], filmed, scene)
+        return GaitSearchResult(gaits, walks, "search")
+    chosen = choose_gait(design, searched, walks["search"], filmed, scene)
     if chosen.kept is None:
-        return FoundGaits(gaits, walks, "search", reason=chosen.reason)
+        return GaitSearchResult(gaits, walks, "search", reason=chosen.reason)
     gaits["filmed"] = chosen.gait
-    (walks["filmed"],) = sampled_walks(robots, [chosen.gait], samples, seed)
-    return FoundGaits(gaits, walks, "filmed", chosen.kept, chosen.reason)
+    (walks["filmed"],) = sample_walks(robots, [chosen.gait], samples, seed)
+    return GaitSearchResult(gaits, walks, "filmed", chosen.kept, chosen.reason)
 
 
-def _with_evolved(
+def _find_evolved_gait(
     design: Design, limits: HeatingLimits, own: Gait, imitate: bool, seed: int, samples: int, stage: Stage
-) -> FoundGaits:
-    robots = _unfilmed(design, limits)
+) -> GaitSearchResult:
+    robots = nominal_robots(design, limits)
     stage("fitting the evolved gait to the rig")
-    kept, reason = evolved_gait(robots, own, limits, seed)
-    gaits = {EVOLVED: kept, "imitate": imitated_gait(design)}
-    found = _walks(robots, list(gaits.values()), samples, seed, stage, _PREDICTING.format(samples))
+    kept, reason = fit_evolved_gait(robots, own, limits, seed)
+    gaits = {EVOLVED: kept, "imitate": imitate_gait(design)}
+    found = sample_walks_in_turn(
+        robots, list(gaits.values()), samples, seed, stage, _PREDICTING.format(samples)
+    )
     method = "imitate" if imitate else EVOLVED
-    return FoundGaits(gaits, dict(zip(gaits, found, strict=True)), method, reason=reason)
+    return GaitSearchResult(gaits, dict(zip(gaits, found, strict=True)), method, reason=reason)
 
 
-def evolved_gait(
+def fit_evolved_gait(
     robots: RobotDistribution, own: Gait, limits: HeatingLimits, seed: int = 0
 ) -> tuple[Gait, str]:
     """The evolved gait if the rig allows it, or else the best one with other times that the rig allows, and
     what the rig took away, in one line.
 
-    An allowed gait is not searched anew: evolution has judged it with up to 32 samples, and the best of
+    An allowed gait is not searched anew: evolution has evaluated it with up to 32 samples, and the best of
     several estimates from eight samples was worse (decision 38).
     """
     if limits.allowed(own):
         return own, ""
     motors = len(own.phase)
-    near = [own, *(_shifted(own, m, by) for m in range(1, motors) for by in (-_NEAR, _NEAR))]
-    allowed = [g for gait in near for g in _retimed(gait, limits, limits.springs)]
+    near = [own, *(_shift_phase(own, m, by) for m in range(1, motors) for by in (-_NEAR, _NEAR))]
+    allowed = [g for gait in near for g in _retime(gait, limits, limits.springs)]
     if not allowed:
         return own, ""  # the compiler says which limit forbids it
     # Other samples than those for which the walk is then predicted.
-    walks = sampled_walks(robots, allowed, _SAMPLES, seed + 1, cycles=_CYCLES, mass_scaling=_HEAVIER)
-    best = allowed[int(np.argmax([found.worth for found in walks]))]
-    reason = f"the rig does not allow the evolved {_times(own)}; {_times(best)} instead"
+    walks = sample_walks(robots, allowed, _SAMPLES, seed + 1, cycles=_CYCLES, mass_scaling=_HEAVIER)
+    best = allowed[int(np.argmax([found.fitness for found in walks]))]
+    reason = f"the rig does not allow the evolved {_describe_times(own)}; {_describe_times(best)} instead"
     return best, reason
 
 
-def _shifted(gait: Gait, motor: int, by: float) -> Gait:
+def _shift_phase(gait: Gait, motor: int, by: float) -> Gait:
     """The gait with another phase of one motor."""
     phase = gait.phase.copy()
     phase[motor] = (phase[motor] + by) % 1.0
     return replace(gait, phase=phase)
 
 
-def _times(gait: Gait) -> str:
+def _describe_times(gait: Gait) -> str:
     return f"{gait.duty[0] * gait.period:.1f} s of heating in {gait.period:g} s"
 
 
-def searched_gait(design: Design, limits: HeatingLimits, seed: int = 0, stage: Stage = silent) -> Gait:
-    """The gait whose phases carry the nominal built robot farthest forward, and whose period and duty carry
+def search_gait(design: Design, limits: HeatingLimits, seed: int = 0, stage: Stage = silent) -> Gait:
+    """The gait whose phases carry the nominal printed robot farthest forward, and whose period and duty carry
     samples around it farthest. A robot that falls counts as not walking.
 
     All relative phases are tried at the usual period and duty; the best of them again at the springs'
     own timing, with longer pauses and with shorter heating. One cycle counts, of robots with nine times the
     inertia: the walk that is predicted for the chosen gait is simulated anew.
     """
-    stage("simulating the built robot with all phases")
-    robots, phases = _unfilmed(design, limits), _phases(design.morphology.motors, limits)
-    best = phases[int(np.argmax(most_probable_walks(robots, phases, cycles=_CYCLES, mass_scaling=_HEAVIER)))]
-    tried = [best, *_retimed(best, limits, limits.springs)]
+    stage("simulating the printed robot with all phases")
+    robots, phases = nominal_robots(design, limits), _phases(design.morphology.motors, limits)
+    best = phases[
+        int(np.argmax(simulate_most_probable(robots, phases, cycles=_CYCLES, mass_scaling=_HEAVIER)))
+    ]
+    tried = [best, *_retime(best, limits, limits.springs)]
     # Other samples than those for which the walk is then predicted.
-    walks = _walks(
+    sampled = sample_walks_in_turn(
         robots, tried, _SAMPLES, seed + 1, stage, _OTHER_TIMES, cycles=_CYCLES, mass_scaling=_HEAVIER
     )
-    return tried[int(np.argmax([found.expected for found in walks]))]
+    return tried[int(np.argmax([found.expected for found in sampled]))]
 
 
-def _walks(
+def sample_walks_in_turn(
     robots: RobotDistribution,
     gaits: Sequence[Gait],
     samples: int,
@@ -193,54 +198,54 @@ def _walks(
     cycles: int | None = None,
     mass_scaling: float = 1.0,
 ) -> list[SampledWalks]:
-    """`sampled_walks`, gait by gait: where springs cool slowly, each takes a minute or more."""
+    """`sample_walks`, gait by gait: where springs cool slowly, each takes a minute or more."""
     found: list[SampledWalks] = []
     for number, gait in enumerate(gaits, start=1):
         stage(f"{what}: gait {number} of {len(gaits)}, {gait.period:g} s a cycle")
-        found += sampled_walks(robots, [gait], samples, seed, cycles=cycles, mass_scaling=mass_scaling)
+        found += sample_walks(robots, [gait], samples, seed, cycles=cycles, mass_scaling=mass_scaling)
     return found
 
 
-def robust_gait(
+def search_robust_gait(
     design: Design,
     limits: HeatingLimits,
-    scene: BuiltScene,
+    scene: PrintedScene,
     filmed: Sequence[FilmedGait] = (),
     seed: int = 0,
     stage: Stage = silent,
 ) -> Gait:
-    """The gait with the phases, and then the period and duty, that carry robots drawn from the scene farthest
-    forward on average.
+    """The gait with the phases, and then the period and duty, that carry robots sampled from the scene
+    farthest forward on average.
 
     The expected walk of a gait is at most that of the most probable robot. The `filmed` gaits are left out:
     the camera has measured their walks.
     """
     robots = IdentifiedRobots.of(design, scene, [film.gait for film in filmed])
 
-    def judged(gaits: list[Gait]) -> list[_Judged]:
+    def evaluate(gaits: list[Gait]) -> list[_EvaluatedGait]:
         # Other samples than those for which the walk is then predicted.
-        sampled = sampled_walks(robots, gaits, _SAMPLES, seed + 1)
-        itself = most_probable_walks(robots, gaits).tolist()
+        sampled = sample_walks(robots, gaits, _SAMPLES, seed + 1)
+        itself = simulate_most_probable(robots, gaits).tolist()
         every = zip(sampled, itself, gaits, strict=True)
-        return [_Judged(min(walks.expected, one), walks.expected, gait) for walks, one, gait in every]
+        return [_EvaluatedGait(min(walks.expected, one), walks.expected, gait) for walks, one, gait in every]
 
     stage("simulating identified robots with all phases")
-    tried = judged(_phases(design.morphology.motors, limits))
-    best = max(tried, key=_Judged.worth)
-    if others := _retimed(best.gait, limits, scene.robot.springs):
+    tried = evaluate(_phases(design.morphology.motors, limits))
+    best = max(tried, key=_EvaluatedGait.fitness)
+    if others := _retime(best.gait, limits, scene.robot.springs):
         stage(_OTHER_TIMES)
-        tried += judged(others)
-    new = [one for one in tried if not any(film.is_of(one.gait) for film in filmed)]
-    return max(new or tried, key=_Judged.worth).gait
+        tried += evaluate(others)
+    new = [one for one in tried if not any(film.shows(one.gait) for film in filmed)]
+    return max(new or tried, key=_EvaluatedGait.fitness).gait
 
 
-def imitated_gait(design: Design) -> Gait:
+def imitate_gait(design: Design) -> Gait:
     """The gait with the phases of the design's closed-loop rollout."""
     (rollout,) = simulate([design.morphology], [design.controller], design.scene)
     return Gait.from_rollout(rollout, design.scene)
 
 
-class _Judged(NamedTuple):
+class _EvaluatedGait(NamedTuple):
     """A gait with its expected walk [body lengths per five cycles]."""
 
     expected: float
@@ -249,7 +254,7 @@ class _Judged(NamedTuple):
     """Expected walk of the samples alone."""
     gait: Gait
 
-    def worth(self) -> tuple[float, float]:
+    def fitness(self) -> tuple[float, float]:
         """Key for the ranking of gaits. If the most probable robot falls with all gaits, the samples
         decide."""
         return self.expected, self.of_samples
@@ -266,7 +271,7 @@ def _phases(motors: int, limits: HeatingLimits) -> list[Gait]:
     return [g for g in slower if limits.allowed(g)] or slower
 
 
-def _retimed(gait: Gait, limits: HeatingLimits, springs: SpringParameters) -> list[Gait]:
+def _retime(gait: Gait, limits: HeatingLimits, springs: SpringParameters) -> list[Gait]:
     """Gaits with the same phases at the springs' own timing, with longer pauses and with shorter heating, as
     far as the rig allows."""
     motors = len(gait.phase)
@@ -280,7 +285,7 @@ def _retimed(gait: Gait, limits: HeatingLimits, springs: SpringParameters) -> li
     return [g for g in others if limits.allowed(g)]
 
 
-def _unfilmed(design: Design, limits: HeatingLimits) -> RobotDistribution:
+def nominal_robots(design: Design, limits: HeatingLimits) -> RobotDistribution:
     """Nominal robots of a design without films, with hubs, on the rig's supply."""
     robot = RobotParameters(BuiltParameters().with_hubs(), limits.springs)
     return NominalRobots(design.morphology, robot, design.ballast / 2)

@@ -19,15 +19,15 @@ from math import cos, exp, pi
 
 import numpy as np
 
-from eldir.core.arguments import require_number, require_shape, require_value
+from eldir.core.arguments import require_count, require_shape, require_value
 from eldir.core.records import BoolArray, FloatArray, Record
 from eldir.parameters.springs import SpringParameters
 
 _SECANTS = 4  # rounds for the heat capacity over a step; a fifth changes T by less than 1e-3 K
-_LARGEST_CHANGE = 2.0  # [K]
-_GRID, _LONGEST = 0.01, 16.0  # of the logarithm of cooling: 0.7 K at most; after e^-16 it is as the air
+_MAX_CHANGE = 2.0  # [K]
+_GRID, _MAX_LOGARITHM = 0.01, 16.0  # of the logarithm of cooling: 0.7 K at most; after e^-16 it is as the air
 _COLD = 1e-9  # above the air: no spring that cools is colder [K]
-_FEW = 48  # fewer springs are followed one by one in plain numbers; 4 of them so take a 20th of the time
+_FEW = 48  # fewer springs are heated one by one in plain numbers; 4 of them so take a 20th of the time
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +101,7 @@ class _Kinetics:
         return np.where(heating, xi * ratio[0], 1.0 - (1.0 - xi) * ratio[1])
 
 
-def _left(angle: float) -> float:
+def _doubled_cosine(angle: float) -> float:
     """Twice the cosine gA or 1 - gM, at an angle that grows from 0 to pi with the transformation."""
     return 2.0 if angle <= 0.0 else 0.0 if angle >= pi else 1.0 + cos(angle)
 
@@ -109,9 +109,9 @@ def _left(angle: float) -> float:
 class HeatModel:
     """Heat balance of A springs, each with its own parameters, integrated from state to state."""
 
-    def __init__(self, parameters: Sequence[SpringParameters], largest_change: float = _LARGEST_CHANGE):
-        """`largest_change`: steps are divided so that no temperature changes by more in one part [K]."""
-        self._largest_change = largest_change
+    def __init__(self, parameters: Sequence[SpringParameters], max_change: float = _MAX_CHANGE):
+        """`max_change`: steps are divided so that no temperature changes by more in one part [K]."""
+        self._largest_change = max_change
 
         def gather(name: str) -> FloatArray:
             return np.array([getattr(p, name) for p in parameters], dtype=np.float64)
@@ -136,7 +136,7 @@ class HeatModel:
         )
         self._strongest = np.minimum(self._most, self._voltage / least) ** 2 * greatest
 
-    def in_air(self, ambient: FloatArray) -> HeatModel:
+    def with_ambient(self, ambient: FloatArray) -> HeatModel:
         """The same springs in air of other temperatures [C], shape (A,)."""
         other = copy(self)
         other._ambient = np.asarray(ambient, np.float64)
@@ -156,7 +156,7 @@ class HeatModel:
             1, int(np.ceil((strongest / self._sensible).max(initial=0.0) * dt / self._largest_change))
         )
         few = len(state.temperature) < _FEW and not many
-        way = self._one_by_one if few else self._side_by_side
+        way = self._heat_one_by_one if few else self._heat_together
         temperatures, fractions, currents = way(on, dt / parts, parts, state)
         lengths = self._cold + (self._hot - self._cold) * (1.0 - fractions)
         return SpringHistory(temperatures, fractions, lengths, currents)
@@ -183,7 +183,7 @@ class HeatModel:
         h A dt = m c ds + m L dxi / (T - Ta), with s = ln[(T0 - Ta) / (T - Ta)]. Returns s from 0 to
         `longest`, shape (N,), and times [s], shape (N, A). Only the transformation needs the grid.
         """
-        s = np.linspace(0.0, min(longest, _LONGEST), 2 + int(min(longest, _LONGEST) / _GRID))
+        s = np.linspace(0.0, min(longest, _MAX_LOGARITHM), 2 + int(min(longest, _MAX_LOGARITHM) / _GRID))
         excess, xi = self._cooled(state, s[:, None])
         latent = self._latent * np.diff(xi, axis=0) * 2.0 / (excess[1:] + excess[:-1])
         steps = (self._sensible * np.diff(s)[:, None] + latent) / self._loss
@@ -197,7 +197,7 @@ class HeatModel:
         left = np.divide(after, before, out=np.zeros_like(after), where=before > 0)
         return excess, 1.0 - (1.0 - state.martensite) * np.minimum(left, 1.0)
 
-    def _side_by_side(self, on: FloatArray, dt: float, parts: int, state: SpringState) -> FloatArray:
+    def _heat_together(self, on: FloatArray, dt: float, parts: int, state: SpringState) -> FloatArray:
         """Temperatures, fractions and currents after every `parts` steps of `dt` [s], shape (3, T, A)."""
         loss, sensible, kinetics = self._loss, self._sensible, self._kinetics
         temperature, xi = state.temperature, state.martensite
@@ -227,20 +227,20 @@ class HeatModel:
             found[:, t] = temperature, xi, charge
         return found
 
-    def _one_by_one(self, on: FloatArray, dt: float, parts: int, state: SpringState) -> FloatArray:
-        """What `_side_by_side` finds. Springs that are alike and heated alike are followed once."""
+    def _heat_one_by_one(self, on: FloatArray, dt: float, parts: int, state: SpringState) -> FloatArray:
+        """What `_heat_together` finds. Springs that are alike and heated alike are computed once."""
         found = np.empty((3, *on.shape))
         begin = np.concatenate([self._numbers, [state.temperature, state.martensite]])
         known: dict[bytes, FloatArray] = {}
         for a, (numbers, closed) in enumerate(zip(begin.T, on.T, strict=True)):
             key = numbers.tobytes() + closed.tobytes()
             if key not in known:
-                known[key] = np.array(_one(numbers.tolist(), closed.tolist(), dt, parts))
+                known[key] = np.array(_heat_one(numbers.tolist(), closed.tolist(), dt, parts))
             found[:, :, a] = known[key]
         return found
 
 
-def _one(numbers: list[float], on: list[float], dt: float, parts: int) -> tuple[list[float], ...]:
+def _heat_one(numbers: list[float], on: list[float], dt: float, parts: int) -> tuple[list[float], ...]:
     """Temperatures, fractions and currents of one spring."""
     ambient, loss, sensible, latent, r_hot, r_change, lead, voltage, most, *kinetics = numbers
     a_start, a_scale, m_start, m_scale, temperature, xi = kinetics
@@ -260,10 +260,10 @@ def _one(numbers: list[float], on: list[float], dt: float, parts: int) -> tuple[
             heating = target > temperature
             rest, start, scale = (xi, a_start, a_scale) if heating else (1.0 - xi, m_start, m_scale)
             if rest:
-                before, decay = _left((temperature - start) * scale), free
+                before, decay = _doubled_cosine((temperature - start) * scale), free
                 for _ in range(_SECANTS):
                     after = target + (temperature - target) * decay
-                    angle = (after - start) * scale  # as in _left
+                    angle = (after - start) * scale  # as in _doubled_cosine
                     left = 2.0 if angle <= 0.0 else 0.0 if angle >= pi else 1.0 + cos(angle)
                     ratio = (left / before if left < before else 1.0) if before else 0.0
                     xi_after = xi * ratio if heating else 1.0 - rest * ratio
@@ -300,16 +300,16 @@ def heat(
     on = np.asarray(on, dtype=np.float64)
     require_shape("on", on.shape, (None, None))
     each = [parameters] * on.shape[1] if isinstance(parameters, SpringParameters) else list(parameters)
-    require_number("parameters", len(each), on.shape[1], "spring")
+    require_count("parameters", len(each), on.shape[1], "spring")
     require_value("dt", 0 < dt < np.inf, "more than 0 s", dt)
     if state is not None:
-        require_number("temperatures in the state", len(state.temperature), len(each), "spring")
+        require_count("temperatures in the state", len(state.temperature), len(each), "spring")
     return HeatModel(each).run(on, dt, state, many=many)
 
 
-def time_to(temperature: float, parameters: SpringParameters, limit: float = 600.0) -> float:
+def heating_time(temperature: float, parameters: SpringParameters, limit: float = 600.0) -> float:
     """Time [s] in which a cold spring that stays on reaches `temperature` [C]; infinite if it does not within
-    `limit` [s]. Raises `InputError` for what is no temperature or no time."""
+    `limit` [s]. Raises `InputError` for an invalid temperature or time."""
     require_value("temperature", not np.isnan(temperature), "a number [C]", temperature)
     require_value("limit", 0 <= limit < np.inf, "0 s or more", limit)
     dt = 0.01

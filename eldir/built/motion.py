@@ -1,4 +1,4 @@
-"""Motion of built robots whose active springs follow prescribed free lengths."""
+"""Motion of printed robots whose active springs follow prescribed free lengths."""
 
 from __future__ import annotations
 
@@ -8,44 +8,44 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from eldir.built.robot import BuiltRobot, rest_state
+from eldir.built.robot import PrintedRobot, rest_state
 from eldir.built.stability import STICKS, stable_step, stable_step_in_any_pose
-from eldir.core.arguments import require_number, require_shape, require_value, whole_number
+from eldir.core.arguments import require_count, require_shape, require_value, require_whole_number
 from eldir.core.records import FloatArray, Record
 from eldir.errors import EldirError
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.springs import SpringParameters
 
 if TYPE_CHECKING:
-    from eldir.engine.built.motion_batch import Member
+    from eldir.engine.built.motion_batch import MotionInputs
 
-FINE = -1
+OK = -1
 FREE = (SpringParameters().cold_length, SpringParameters().hot_length)
 """Cold and hot free length of the nominal spring [m]."""
 _SAFETY = 0.95  # of the largest step that is stable in any pose
-_MOST_STEPS = 1_000_000_000  # that the engine counts, between two instants
+_MAX_STEPS = 1_000_000_000  # that the engine counts, between two instants
 _LEAVE_OUT = "leave out `step`: the engine then takes the largest stable one"
 
 
 @dataclass(frozen=True, eq=False)
-class BuiltMotion(Record):
-    """Motion of one built robot."""
+class PrintedMotion(Record):
+    """Motion of one printed robot."""
 
     times: FloatArray
     """Times [s], shape (T,)."""
     positions: FloatArray
-    """Positions [m], shape (T, M, 2); NaN from the interval in which the simulation blew up."""
+    """Positions [m], shape (T, M, 2); NaN from the interval in which the simulation diverged."""
     rotations: FloatArray
     """Cosine and sine of the hubs' rotations, shape (T, M, 2), NaN likewise; shape (T, M, 0) without hubs."""
     state: FloatArray
     """State at the end, from which a further motion can continue: x, y, vx, vy (clamped: also cosine, sine,
     spin), shape (4 or 7, M)."""
     status: int
-    """`FINE` (-1), or the interval in which the simulation blew up."""
+    """`OK` (-1), or the interval in which the simulation diverged."""
 
 
 def drive(
-    robots: Sequence[BuiltRobot],
+    robots: Sequence[PrintedRobot],
     lengths: Sequence[FloatArray],
     interval: float,
     *,
@@ -54,7 +54,7 @@ def drive(
     step: float | None = None,
     free: tuple[float, float] | Sequence[tuple[float, float]] = FREE,
     mass_scaling: float = 1.0,
-) -> list[BuiltMotion]:
+) -> list[PrintedMotion]:
     """Move robots by prescribed free lengths of their active springs, side by side.
 
     `lengths[r]`: free lengths [m] of robot r at instants 0, interval, ... [s], linear between them, shape
@@ -76,22 +76,22 @@ def drive(
     if not robots:
         return []
     ranges = free_ranges(free, len(robots))
-    robots = [_scaled(robot, mass_scaling) for robot in robots]
+    robots = [_scale_masses(robot, mass_scaling) for robot in robots]
     members = [
-        member(robot, np.asarray(table, np.float64), interval, step, (cold, hot), state)
+        make_member(robot, np.asarray(table, np.float64), interval, step, (cold, hot), state)
         for robot, table, (cold, hot), state in zip(
             robots, lengths, ranges, states if states is not None else map(rest_state, robots), strict=True
         )
     ]
     motions = []
-    for x, rotations, end, blown, _ in motion_batch.run_motions(members, every):
-        if blown != FINE:
-            x[blown // every + 1 :] = rotations[blown // every + 1 :] = np.nan
-        motions.append(BuiltMotion(np.arange(len(x)) * every * interval, x, rotations, end, blown))
+    for x, rotations, end, diverged, _ in motion_batch.run_motions(members, every):
+        if diverged != OK:
+            x[diverged // every + 1 :] = rotations[diverged // every + 1 :] = np.nan
+        motions.append(PrintedMotion(np.arange(len(x)) * every * interval, x, rotations, end, diverged))
     return motions
 
 
-def _scaled(robot: BuiltRobot, factor: float) -> BuiltRobot:
+def _scale_masses(robot: PrintedRobot, factor: float) -> PrintedRobot:
     """The robot with `factor` times the inertia and the same weight (mass scaling, as in explicit finite
     elements of slow processes). Drag and dashpots change so that all of it is as if time went slower."""
     if factor == 1:
@@ -105,9 +105,9 @@ def _scaled(robot: BuiltRobot, factor: float) -> BuiltRobot:
     )
 
 
-def check_tables(robots: Sequence[BuiltRobot], lengths: Sequence[FloatArray]) -> None:
+def check_tables(robots: Sequence[PrintedRobot], lengths: Sequence[FloatArray]) -> None:
     """Raise `InputError` unless there are free lengths of every active spring at two instants at least."""
-    require_number("tables of lengths", len(lengths), len(robots))
+    require_count("tables of lengths", len(lengths), len(robots))
     for r, (robot, table) in enumerate(zip(robots, map(np.asarray, lengths), strict=True)):
         name = f"lengths of robot {r}"
         require_shape(name, table.shape, (None, robot.active.sum()))
@@ -116,11 +116,11 @@ def check_tables(robots: Sequence[BuiltRobot], lengths: Sequence[FloatArray]) ->
         )
 
 
-def check_states(robots: Sequence[BuiltRobot], states: Sequence[FloatArray] | None) -> None:
+def check_states(robots: Sequence[PrintedRobot], states: Sequence[FloatArray] | None) -> None:
     """Raise `InputError` unless there are no states, or one of the right shape for each robot."""
     if states is None:
         return
-    require_number("states", len(states), len(robots))
+    require_count("states", len(states), len(robots))
     for r, (robot, state) in enumerate(zip(robots, states, strict=True)):
         remedy = f"its joints are {robot.joints}: pass the `state` of an earlier motion of the same robot"
         require_shape(f"state of robot {r}", np.shape(state), rest_state(robot).shape, remedy=remedy)
@@ -132,12 +132,12 @@ def check_times(intervals: Sequence[float], every: int, step: float | None) -> i
         require_value("interval", 0 < interval < np.inf, "more than 0 s", interval)
         require_value(
             "step",
-            step is None or interval / _MOST_STEPS < step < np.inf,
-            f"more than 0 s, and at most {_MOST_STEPS} steps an interval",
+            step is None or interval / _MAX_STEPS < step < np.inf,
+            f"more than 0 s, and at most {_MAX_STEPS} steps an interval",
             f"{step} s",
             _LEAVE_OUT,
         )
-    return whole_number("every", every, 1, _MOST_STEPS)
+    return require_whole_number("every", every, 1, _MAX_STEPS)
 
 
 def free_ranges(
@@ -151,16 +151,16 @@ def free_ranges(
     return [(float(cold), float(hot)) for cold, hot in np.broadcast_to(given, (robots, 2))]
 
 
-def member(
-    robot: BuiltRobot,
+def make_member(
+    robot: PrintedRobot,
     lengths: FloatArray,
     interval: float,
     step: float | None,
     free: tuple[float, float],
     state: FloatArray,
-) -> Member:
+) -> MotionInputs:
     """The inputs of the engine for one robot."""
-    from eldir.engine.built.motion_batch import Member
+    from eldir.engine.built.motion_batch import MotionInputs
 
     p = robot.parameters
     across, along = p.gravity * np.cos(p.tilt), -p.gravity * np.sin(p.tilt)
@@ -169,11 +169,11 @@ def member(
     dt = interval / substeps
     finite = np.where(np.isinf(robot.buckling), 1e30, robot.buckling)
     strips = np.stack([robot.rest_lengths, robot.stiffness, finite, robot.damping, robot.bending])
-    return Member(
+    return MotionInputs(
         springs=robot.springs[order],
         direction=robot.directions[order],
         strips=strips[:, order],
-        per_mass=np.stack([1 / robot.masses, 1 / robot.inertias, robot.friction]),
+        inverse_masses=np.stack([1 / robot.masses, 1 / robot.inertias, robot.friction]),
         properties=np.array(
             [
                 *(dt, across * dt, np.exp(-p.drag * dt), substeps, robot.bending_delay),
@@ -184,11 +184,11 @@ def member(
         stiffnesses=stiffnesses(p, lengths, free),
         state=state,
         joints=robot.joints,
-        bristles=_bristles(robot, state)[order] if robot.joints == "hubs" else np.zeros((0, 2)),
+        bristles=_bristle_angles(robot, state)[order] if robot.joints == "hubs" else np.zeros((0, 2)),
     )
 
 
-def _bristles(robot: BuiltRobot, state: FloatArray) -> FloatArray:
+def _bristle_angles(robot: PrintedRobot, state: FloatArray) -> FloatArray:
     """Angles between each spring and its two hubs [rad], shape (S, 2): no friction acts yet."""
     (a, b), along = robot.springs.T, robot.directions.T
     turned = [state[4, i] * along - state[5, i] * along[::-1] * [[1.0], [-1.0]] for i in (a, b)]
@@ -205,7 +205,7 @@ def stiffnesses(p: BuiltParameters, lengths: FloatArray, free: tuple[float, floa
     return p.cold_stiffness + (p.hot_stiffness - p.cold_stiffness) * heated
 
 
-def _substeps(robot: BuiltRobot, interval: float, step: float | None) -> int:
+def _substeps(robot: PrintedRobot, interval: float, step: float | None) -> int:
     if step is None:
         return int(np.ceil(interval / (_SAFETY * stable_step_in_any_pose(robot))))
     largest = stable_step(robot)

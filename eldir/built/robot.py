@@ -1,12 +1,16 @@
-"""The built robot: masses, strips and shape-memory springs of one printed plane."""
+"""The printed robot: masses, strips and shape-memory springs of one plane; and whether it stands.
+
+A robot stands if its centre of mass lies over its feet and no mechanism lets it collapse.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from eldir.core.arguments import require_number, require_shape, require_value
+from eldir.core.arguments import require_count, require_shape, require_value
 from eldir.core.records import BoolArray, FloatArray, IntArray, Record
 from eldir.morphology import Morphology
 from eldir.parameters.printed import BuiltParameters, Joints
@@ -14,7 +18,7 @@ from eldir.parameters.robot import RobotParameters
 
 
 @dataclass(frozen=True, eq=False)
-class BuiltRobot(Record):
+class PrintedRobot(Record):
     """One plane of a printed robot; springs are in the design's order, motors are the active ones."""
 
     positions: FloatArray
@@ -89,12 +93,12 @@ def build(
     without_motor: int | None = None,
     ballast: float | FloatArray = 0.0,
     rng: np.random.Generator | None = None,
-) -> BuiltRobot:
+) -> PrintedRobot:
     """The printed robot of a design.
 
     `without_motor`: this motor (0 is the first) is replaced by a strip, as in the paper's control.
     `ballast` [kg]: a number is put on the foremost mass, shape (M,) on each mass. With `rng`, the lengths of
-    the strips are drawn with the standard deviation `parameters.geometry`. `RobotParameters` may hold the
+    the strips are sampled with the standard deviation `parameters.geometry`. `RobotParameters` may hold the
     length of every strip, which is added, and the friction of every foot. Raises `InputError` for a motor,
     strips or feet that the body does not have, and for a ballast that does not fit or leaves no mass.
     """
@@ -103,34 +107,17 @@ def build(
         robot = RobotParameters(robot or BuiltParameters())
     p, strips, feet = robot.printed, robot.strips, robot.feet
     if len(strips):
-        require_number("strips", len(strips), len(morphology.springs), "spring")
+        require_count("strips", len(strips), len(morphology.springs), "spring")
     if len(feet):
-        require_number("feet", len(feet), len(morphology.positions), "mass")
-    active = morphology.active.copy()
-    if without_motor is not None:
-        motors = np.flatnonzero(active)
-        require_value(
-            "without_motor", 0 <= without_motor < len(motors), f"0 to {len(motors) - 1}", without_motor
-        )
-        active[motors[without_motor]] = False
+        require_count("feet", len(feet), len(morphology.positions), "mass")
+    active = _active_springs(morphology, without_motor)
     x = (morphology.positions - morphology.positions.min(axis=0)) * p.scale
+    masses = _masses(p, x, morphology.springs, active, ballast)
     a, b = morphology.springs.T
-    masses = np.full(len(x), p.hexagon)
-    half = np.where(active, p.active_spring, p.strip) / 2
-    np.add.at(masses, a, half)
-    np.add.at(masses, b, half)
-    degree = np.bincount(morphology.springs.ravel(), minlength=len(x))
-    masses += np.where(degree < 6, p.half_connector, 0.0)
-    require_shape("ballast", np.shape(ballast), (), masses.shape)
-    if np.ndim(ballast):
-        masses += ballast
-    else:
-        masses[np.lexsort((x[:, 1], -x[:, 0]))[0]] += ballast
-    require_value("ballast", ((masses > 0) & np.isfinite(masses)).all(), "0 kg or more", ballast)
     reduced = masses[a] * masses[b] / (masses[a] + masses[b])
     noise = p.geometry * rng.standard_normal(len(a)) if rng is not None else 0.0
     lengths = morphology.rest_lengths * p.scale + np.where(active, 0.0, noise)
-    return BuiltRobot(
+    return PrintedRobot(
         positions=x,
         springs=morphology.springs,
         active=active,
@@ -144,9 +131,141 @@ def build(
     )
 
 
-def rest_state(robot: BuiltRobot) -> FloatArray:
+def _active_springs(morphology: Morphology, without_motor: int | None) -> BoolArray:
+    """Whether each spring is a motor, shape (S,), after one motor is replaced by a strip."""
+    active = morphology.active.copy()
+    if without_motor is not None:
+        motors = np.flatnonzero(active)
+        known = 0 <= without_motor < len(motors)
+        require_value("without_motor", known, f"0 to {len(motors) - 1}", without_motor)
+        active[motors[without_motor]] = False
+    return active
+
+
+def _masses(
+    p: BuiltParameters,
+    positions: FloatArray,
+    springs: IntArray,
+    active: BoolArray,
+    ballast: float | FloatArray,
+) -> FloatArray:
+    """Masses [kg], shape (M,): hexagons, half of each spring at either end, connectors at the edge of the
+    body, and ballast. Raises `InputError` for a ballast that does not fit or leaves no mass."""
+    masses = np.full(len(positions), p.hexagon)
+    half = np.where(active, p.active_spring, p.strip) / 2
+    for ends in springs.T:
+        np.add.at(masses, ends, half)
+    degree = np.bincount(springs.ravel(), minlength=len(positions))
+    masses += np.where(degree < 6, p.half_connector, 0.0)
+    require_shape("ballast", np.shape(ballast), (), masses.shape)
+    if np.ndim(ballast):
+        masses += ballast
+    else:
+        masses[foremost_mass(positions)] += ballast
+    require_value("ballast", ((masses > 0) & np.isfinite(masses)).all(), "0 kg or more", ballast)
+    return masses
+
+
+def foremost_mass(positions: FloatArray) -> int:
+    """Index of the foremost mass, of equal ones the lowest."""
+    return int(np.lexsort((positions[:, 1], -positions[:, 0]))[0])
+
+
+def rest_state(robot: PrintedRobot) -> FloatArray:
     """State at rest as assembled: x, y, vx, vy; clamped also cosine, sine, spin of hexagons; shape (4 or 7,
     M)."""
     masses = len(robot.positions)
     rotations = np.repeat([[1.0], [0.0], [0.0]], masses, axis=1)[: 3 * (robot.joints != "pins")]
     return np.concatenate([robot.positions.T, np.zeros((2, masses)), rotations])
+
+
+_ON_GROUND = 1e-6  # height below which a mass is a foot [m]
+_RANK = 1e-9  # of the largest singular value
+
+
+def feet(robot: PrintedRobot) -> IntArray:
+    """Indices of the masses that touch the table as assembled."""
+    return np.flatnonzero(robot.positions[:, 1] < _ON_GROUND)
+
+
+def static_margin(robot: PrintedRobot) -> float:
+    """Horizontal distance of the centre of mass inside the feet [m]; negative: the robot falls over."""
+    stands = robot.positions[feet(robot), 0]
+    centre = float(robot.masses @ robot.positions[:, 0] / robot.masses.sum())
+    return min(centre - float(stands.min()), float(stands.max()) - centre)
+
+
+def height_over_base(robot: PrintedRobot) -> float:
+    """Height of the robot divided by the distance of its outermost feet."""
+    stands = robot.positions[feet(robot), 0]
+    base = float(np.ptp(stands))
+    return float(np.ptp(robot.positions[:, 1])) / base if base > 0 else np.inf
+
+
+def triangles(springs: IntArray) -> IntArray:
+    """All triples of masses that are connected with each other, ascending, shape (F, 3)."""
+    count = int(springs.max()) + 1
+    joined = np.zeros((count, count), bool)
+    joined[springs[:, 0], springs[:, 1]] = True
+    return np.array(
+        [(a, b, c) for a, b in springs for c in np.flatnonzero(joined[a] & joined[b]) if c > b], np.int32
+    ).reshape(-1, 3)
+
+
+def min_area_ratio(robot: PrintedRobot, positions: FloatArray) -> float:
+    """The smallest area of any triangle during a motion, as a fraction of its area at rest.
+
+    Near 0 or negative: a mass has passed through the opposite spring, which real parts cannot.
+    `positions`: [m], shape (T, M, 2).
+    """
+    corners = triangles(robot.springs)
+
+    def areas(x: FloatArray) -> FloatArray:
+        u, v = (
+            x[..., corners[:, 1], :] - x[..., corners[:, 0], :],
+            x[..., corners[:, 2], :] - x[..., corners[:, 0], :],
+        )
+        return u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]
+
+    return float((areas(positions) / areas(robot.positions)).min())
+
+
+def min_mass_distance(positions: FloatArray) -> float:
+    """The smallest distance between two masses during a motion [m]; `positions`: [m], shape (T, M, 2)."""
+    a, b = np.triu_indices(positions.shape[1], 1)
+    return float(np.sqrt((positions[:, a] - positions[:, b]) ** 2 @ np.ones(2)).min())
+
+
+def find_shape_fault(robot: PrintedRobot) -> str:
+    """Why the body does not keep its shape, or why its motors cannot change it; empty if neither is the
+    case."""
+    pinned = robot.parameters.bending == 0  # clamped strips hold a body that would fold on pins
+    if pinned and (loose := count_mechanisms(robot.positions, robot.springs)):
+        return f"{loose} free mechanisms with all springs in place"
+    if not count_mechanisms(robot.positions, robot.springs[~robot.active]):
+        return "rigid without its motors: they hardly move it"
+    return ""
+
+
+def find_held_motors(positions: FloatArray, springs: IntArray, active: BoolArray) -> IntArray:
+    """Indices of the active springs whose two masses the strips hold in their places to each other, whatever
+    the other motors do."""
+    strips = springs[~active]
+    free = count_mechanisms(positions, strips)
+    held = [s for s in np.flatnonzero(active) if count_mechanisms(positions, [*strips, springs[s]]) == free]
+    return np.array(held, np.int32)
+
+
+def count_mechanisms(positions: FloatArray, springs: IntArray | Sequence[IntArray]) -> int:
+    """Number of independent mechanisms: motions, beside the three rigid ones, that change no spring's length.
+
+    2 M - 3 - rank of the rigidity matrix, for masses in general position: small random displacements remove
+    the special angles of the lattice, so that only mechanisms of the graph count.
+    """
+    shaken = positions + 0.1 * 0.05 * np.random.default_rng(0).uniform(-1, 1, positions.shape)
+    a, b = np.asarray(springs, np.int32).reshape(-1, 2).T  # none, where all springs are motors
+    matrix = np.zeros((len(a), len(positions), 2))
+    rows = np.arange(len(a))
+    matrix[rows, a], matrix[rows, b] = shaken[a] - shaken[b], shaken[b] - shaken[a]
+    sizes = np.linalg.svd(matrix.reshape(len(a), 2 * len(positions)), compute_uv=False)
+    return 2 * len(positions) - 3 - int((sizes > _RANK * sizes.max(initial=0.0)).sum())

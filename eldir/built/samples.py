@@ -1,4 +1,4 @@
-"""Distributions of built robots of one design, samples from them, and the walks of the samples.
+"""Distributions of printed robots of one design, samples from them, and the walks of the samples.
 
 Printed robots of one design differ. `NominalRobots` samples from the tolerances of data sheets and printing,
 before any film. `IdentifiedRobots` samples from the uncertainty of an identification.
@@ -12,20 +12,20 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from eldir.built.gait import CYCLES, FreeLengths, Gait, free_lengths_of_all
-from eldir.built.robot import BuiltRobot, build
-from eldir.built.scene import BuiltScene
+from eldir.built.gait import CYCLES, FreeLengths, Gait, free_lengths_batch
+from eldir.built.robot import PrintedRobot, build
+from eldir.built.scene import PrintedScene
 from eldir.built.walking import displacements, displacements_and_ties
 from eldir.core.records import FloatArray, Record
 from eldir.design import Design
 from eldir.morphology import Morphology
-from eldir.parameters.robot import STRIP_SPREAD, RobotParameters, drawn_feet, drawn_springs
+from eldir.parameters.robot import STRIP_SPREAD, RobotParameters, sample_feet, sample_springs
 
 _EQUAL = 0.1  # body lengths per five cycles: walks that differ by less count as equal
 _HALVINGS = 5
 RISK = 0.5
-"""Standard deviations by which a walk is worth less than its mean. It covers the error of the mean of four
-and more samples, and asks for robots that walk whatever their feet are like (decision 38)."""
+"""Standard deviations by which the fitness of a walk is below its mean. It covers the error of the mean of
+four and more samples, and asks for robots that walk whatever their feet are like (decision 38)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +40,7 @@ class RobotDistribution(Record, ABC):
 
     @abstractmethod
     def sample(self, rng: np.random.Generator) -> RobotParameters:
-        """Draw one robot."""
+        """Sample one robot."""
 
     def free_lengths_of(self, sample: RobotParameters) -> tuple[float, float]:
         """Cold and hot free length [m] between which the stiffness of a sample's springs changes."""
@@ -53,14 +53,14 @@ class RobotDistribution(Record, ABC):
 
 @dataclass(frozen=True, eq=False)
 class NominalRobots(RobotDistribution):
-    """Robots within the tolerances of printing and data sheets (`perturbed`), for a design without films."""
+    """Robots within the tolerances of printing and data sheets (`perturb`), for a design without films."""
 
     def sample(self, rng: np.random.Generator) -> RobotParameters:
-        """Draw one robot: each foot has its own friction, and each motor its own two springs."""
-        printed = self.robot.printed.perturbed(rng)
-        strips = _strips(self.morphology, printed.geometry, rng)
-        own = drawn_springs(self.morphology.motors, self.robot.springs, rng)
-        feet = drawn_feet(len(self.morphology.positions), rng)
+        """Sample one robot: each foot has its own friction, and each motor its own two springs."""
+        printed = self.robot.printed.perturb(rng)
+        strips = _sample_strips(self.morphology, printed.geometry, rng)
+        own = sample_springs(self.morphology.motors, self.robot.springs, rng)
+        feet = sample_feet(len(self.morphology.positions), rng)
         printed = replace(printed, geometry=0.0)
         return RobotParameters(printed, self.robot.springs, strips, feet=feet, own_springs=own)
 
@@ -87,7 +87,7 @@ class IdentifiedRobots(RobotDistribution):
         self._set_array("covariance", np.float64, (len(self.parameters), len(self.parameters)))
 
     @classmethod
-    def of(cls, design: Design, scene: BuiltScene, filmed: Sequence[Gait] = ()) -> IdentifiedRobots:
+    def of(cls, design: Design, scene: PrintedScene, filmed: Sequence[Gait] = ()) -> IdentifiedRobots:
         """Robots of a design: one plane with half of the ballast. Single strips and springs keep their
         identified values if the films show this body."""
         robot = scene.robot_of(design)
@@ -95,20 +95,20 @@ class IdentifiedRobots(RobotDistribution):
         return cls(design.morphology, robot, half, scene.parameters, scene.covariance, tuple(filmed))
 
     def sample(self, rng: np.random.Generator) -> RobotParameters:
-        """Draw one robot; what was not identified comes from its prior, such as each foot's friction."""
+        """Sample one robot; what was not identified comes from its prior, such as each foot's friction."""
         return self._sampled([rng])[0]
 
     def samples(self, n: int, seed: int) -> list[RobotParameters]:
-        """Draw `n` robots; all are simulated side by side with the filmed gaits."""
+        """Sample `n` robots; all are simulated side by side with the filmed gaits."""
         return self._sampled(_generators(n, seed))
 
     def _sampled(self, generators: Sequence[np.random.Generator]) -> list[RobotParameters]:
         """One robot from each generator."""
-        steps = [self._step(rng) for rng in generators]
-        robots = [self._at(*step) for step in steps]
+        steps = [self._sample_deviation(rng) for rng in generators]
+        robots = [self._robot_at(*step) for step in steps]
         if not self.filmed:
             return robots
-        goal = most_probable_walks(self, self.filmed)[:, None]
+        goal = simulate_most_probable(self, self.filmed)[:, None]
         share, different = 1.0, list(range(len(robots)))
         for _ in range(_HALVINGS):
             walks = _walks(self, [robots[i] for i in different], self.filmed)
@@ -119,20 +119,22 @@ class IdentifiedRobots(RobotDistribution):
                 break
             share /= 2
             for i in different:
-                robots[i] = self._at(*steps[i], share)
+                robots[i] = self._robot_at(*steps[i], share)
         return robots
 
-    def _step(self, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def _sample_deviation(self, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Difference of a sample from the most probable robot: z, shape (P,); lengths of strips over their
         standard deviation, shape (S,), empty if they are known; logarithms of the feet's friction, shape
         (M,)."""
         values, vectors = np.linalg.eigh(self.covariance)
         z = vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal(len(values)))
-        known = self.robot.has_unequal_parts
-        strips = np.zeros(0) if known else _strips(self.morphology, 1.0, rng)
-        return z, strips, np.log(drawn_feet(len(self.morphology.positions), rng))
+        known = self.robot.has_individual_parts
+        strips = np.zeros(0) if known else _sample_strips(self.morphology, 1.0, rng)
+        return z, strips, np.log(sample_feet(len(self.morphology.positions), rng))
 
-    def _at(self, z: FloatArray, strips: FloatArray, feet: FloatArray, share: float = 1.0) -> RobotParameters:
+    def _robot_at(
+        self, z: FloatArray, strips: FloatArray, feet: FloatArray, share: float = 1.0
+    ) -> RobotParameters:
         """The robot at this share of the way from the most probable robot to a sample."""
         robot = replace(self.robot.at(self.parameters, share * z), feet=np.exp(share * feet))
         return replace(robot, strips=share * STRIP_SPREAD * strips) if len(strips) else robot
@@ -147,7 +149,7 @@ class SampledWalks(Record):
     folded."""
     ties: FloatArray = field(default_factory=lambda: np.zeros(0))
     """Share of ties in each sample's sliding (`tie_share`), shape (n,), NaN where it fell or
-    folded; empty if it was not looked at."""
+    folded; empty if it was not computed."""
 
     @property
     def _standing(self) -> FloatArray:
@@ -179,9 +181,9 @@ class SampledWalks(Record):
         return self.spread_with_falls / float(np.sqrt(len(self.displacement)))
 
     @property
-    def worth(self) -> float:
-        """What robots are ranked by: the expected walk less half the standard deviation, falls included;
-        minus infinity if all fall."""
+    def fitness(self) -> float:
+        """Lower confidence bound by which robots are ranked: the expected walk less half the standard
+        deviation, falls included; minus infinity if all fall."""
         return self.expected - RISK * self.spread_with_falls
 
     @property
@@ -206,7 +208,7 @@ class SampledWalks(Record):
         return float((self.displacement > 0).mean())
 
 
-def sampled_walks(
+def sample_walks(
     robots: RobotDistribution,
     gaits: Sequence[Gait],
     n: int = 16,
@@ -221,40 +223,42 @@ def sampled_walks(
     among many.
     """
     walks, ties = displacements_and_ties(
-        *_driven(robots, robots.samples(n, seed), gaits, cycles or CYCLES), mass_scaling
+        *_simulation_arguments(robots, robots.samples(n, seed), gaits, cycles or CYCLES), mass_scaling
     )
     shape = len(gaits), n
     return [SampledWalks(*of) for of in zip(walks.reshape(shape), ties.reshape(shape), strict=True)]
 
 
-def most_probable_walks(
+def simulate_most_probable(
     robots: RobotDistribution, gaits: Sequence[Gait], *, cycles: int | None = None, mass_scaling: float = 1.0
 ) -> FloatArray:
     """Displacement of the most probable robot with each gait [body lengths per five cycles], shape (gaits,);
-    minus infinity where it fell or folded. `cycles` and `mass_scaling` as in `sampled_walks`."""
-    return displacements(*_driven(robots, [robots.robot], gaits, cycles or CYCLES), mass_scaling)
+    minus infinity where it fell or folded. `cycles` and `mass_scaling` as in `sample_walks`."""
+    return displacements(
+        *_simulation_arguments(robots, [robots.robot], gaits, cycles or CYCLES), mass_scaling
+    )
 
 
 def _walks(common: RobotDistribution, robots: Sequence[RobotParameters], gaits: Sequence[Gait]) -> FloatArray:
     """Displacements [body lengths per five cycles], shape (gaits, robots); all robots are driven side by
     side."""
-    walks = displacements(*_driven(common, robots, gaits, CYCLES))
+    walks = displacements(*_simulation_arguments(common, robots, gaits, CYCLES))
     return walks.reshape(len(gaits), len(robots))
 
 
-def _driven(
+def _simulation_arguments(
     common: RobotDistribution, robots: Sequence[RobotParameters], gaits: Sequence[Gait], cycles: int
-) -> tuple[list[BuiltRobot], list[FreeLengths], int, list[tuple[float, float]]]:
+) -> tuple[list[PrintedRobot], list[FreeLengths], int, list[tuple[float, float]]]:
     """The arguments of `displacements` for all robots with the first gait, then with the next one."""
     body = common.morphology
     built = [build(body, robot, ballast=common.ballast) for robot in robots]
-    springs = [robot.springs_of(body.motors) for robot in robots]
-    tables = free_lengths_of_all([(gait, own) for gait in gaits for own in springs], cycles)
+    springs = [robot.motor_springs(body.motors) for robot in robots]
+    tables = free_lengths_batch([(gait, own) for gait in gaits for own in springs], cycles)
     free = [common.free_lengths_of(robot) for robot in robots]
     return built * len(gaits), tables, cycles, free * len(gaits)
 
 
-def _strips(morphology: Morphology, spread: float, rng: np.random.Generator) -> FloatArray:
+def _sample_strips(morphology: Morphology, spread: float, rng: np.random.Generator) -> FloatArray:
     """Random lengths of strips beyond the drawing, 0 for active springs, shape (S,)."""
     return np.where(morphology.active, 0.0, spread * rng.standard_normal(len(morphology.active)))
 

@@ -1,4 +1,4 @@
-"""The built robot as identified from films, with its uncertainty. JSON "eldir-built-scene/2"."""
+"""The printed robot as identified from films, with its uncertainty. JSON "eldir-built-scene/2"."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, NonNegativeFloat
 
-from eldir.built.filmed_gait import FilmedGait
+from eldir.built.gait import FilmedGait
 from eldir.core.arguments import require_known, require_shape, require_value
 from eldir.core.records import OMITTED, Array, FileRecord, FloatArray, Record, record
-from eldir.core.validation import validated
+from eldir.core.validation import validate
 from eldir.design import Design
 from eldir.errors import InputError
 from eldir.parameters.printed import BuiltParameters
@@ -21,9 +21,9 @@ from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
 from eldir.parameters.uncertain import PARAMETERS
 
-_LARGEST_Z = 30.0  # standard deviations of a prior; a fit ends at four
-_LONGEST = 0.05  # of a strip beyond the drawing [m]; the pitch is 0.057
-_FAR = 100.0  # times the nominal value, or a part of it
+_MAX_Z = 30.0  # standard deviations of a prior; a fit ends at four
+_MAX_STRIP_M = 0.05  # length of a strip beyond the drawing [m]; the pitch is 0.057
+_MAX_FACTOR = 100.0  # times the nominal value, or a part of it
 _FIRST_KEYS = {"strained": "at_edge", "doubt_left_of_prior": "spread_left_of_prior"}
 
 Numbers = Annotated[FloatArray, Array("f8", None)]
@@ -192,7 +192,7 @@ class PartDifferences(Record):
 
 
 @record
-class BuiltScene(FileRecord):
+class PrintedScene(FileRecord):
     """Result of `eldir calibrate dynamics`; gait, shortlist, report and evolve read it. Files of
     eldir-built-scene/1 are read too."""
 
@@ -233,10 +233,10 @@ class BuiltScene(FileRecord):
         even = len(set(map(len, self.parts.springs_z.values()))) <= 1
         require_value("springs_z", even, "one number for each motor")
         for name, values, most in (
-            ("z", self.z, _LARGEST_Z),
-            ("covariance", self.covariance, _LARGEST_Z**2),
-            ("springs_z", self.robot.motor_z, _LARGEST_Z),
-            ("strips_m", self.robot.strips, _LONGEST),
+            ("z", self.z, _MAX_Z),
+            ("covariance", self.covariance, _MAX_Z**2),
+            ("springs_z", self.robot.motor_z, _MAX_Z),
+            ("strips_m", self.robot.strips, _MAX_STRIP_M),
         ):
             require_value(name, (np.abs(values) <= most).all(), f"numbers from -{most:g} to {most:g}")
         _require_plausible(self.robot)
@@ -252,19 +252,12 @@ class BuiltScene(FileRecord):
         parameters: Sequence[str],
         covariance: FloatArray,
         z: FloatArray | None = None,
-        model_fits: bool = True,
-        body: str | None = None,
-        filmed_gaits: Sequence[FilmedGait] = (),
-        results: Identification | None = None,
-        provenance: dict[str, Any] | None = None,
-    ) -> BuiltScene:
+    ) -> PrintedScene:
         """The scene of the most probable robot, with the covariance (P, P) of its P uncertain parameters and
         their normalised values `z` relative to the nominal robot, shape (P,); by default zeros."""
-        return cls(
-            robot.printed, robot.springs, _parts(robot), tuple(parameters),
-            np.zeros(len(parameters)) if z is None else z, covariance, model_fits, body,
-            filmed_gaits=tuple(filmed_gaits), results=results, provenance=provenance or {},
-        )  # fmt: skip
+        zeros = np.zeros(len(parameters))
+        parts = (robot.printed, robot.springs, _parts(robot))
+        return cls(*parts, tuple(parameters), zeros if z is None else z, covariance)
 
     @cached_property
     def robot(self) -> RobotParameters:
@@ -317,7 +310,7 @@ def _from_first(values: dict[str, Any]) -> dict[str, Any]:
         results["motor_springs"] = parts["springs"]
     gaits, fits = results.pop("driven", []), bool(results.get("model", {}).get("fits", True))
     try:
-        validated(Identification, results, "results")
+        validate(Identification, results, "results")
     except InputError:
         results = {}  # of a version before 0.1.0; they are for the reader alone
     return {
@@ -343,7 +336,7 @@ def _require_plausible(robot: RobotParameters) -> None:
         for name, value in asdict(part).items():
             sizes = [abs(u[name]) for u in usual if u[name]]
             if sizes and value:
-                low, high = min(sizes) / _FAR, max(sizes) * _FAR
+                low, high = min(sizes) / _MAX_FACTOR, max(sizes) * _MAX_FACTOR
                 require_value(name, low <= abs(value) <= high, f"{low:.3g} to {high:.3g}", f"{value:.3g}")
 
 

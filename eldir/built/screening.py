@@ -14,8 +14,7 @@ from itertools import product
 import numpy as np
 
 from eldir.built.gait import CYCLES, DUTY, PERIOD, Gait, free_lengths
-from eldir.built.robot import build
-from eldir.built.statics import freedoms, shape_fault, static_margin
+from eldir.built.robot import build, count_mechanisms, find_shape_fault, static_margin
 from eldir.built.walking import displacements
 from eldir.core.records import FloatArray, Record
 from eldir.morphology import Morphology
@@ -32,14 +31,14 @@ _AT_ONCE = 8  # designs that are driven between two calls of `progress`
 
 
 @dataclass(frozen=True, eq=False)
-class Screened(Record):
+class ScreeningResult(Record):
     """Result of screening one design."""
 
     index: int
     """Index in the list that was screened."""
     margin: float
     """Static margin [m]."""
-    freedoms: int
+    mechanisms: int
     """Number of mechanisms with all springs in place; 0 for a robot that keeps its shape."""
     displacement: FloatArray
     """Displacement with each phase that was tried [body lengths per five cycles], shape (P,); empty if the
@@ -72,25 +71,25 @@ def screen(
     springs: SpringParameters | None = None,
     phases: int = PHASES,
     progress: Callable[[float], None] | None = None,
-) -> list[Screened]:
+) -> list[ScreeningResult]:
     """Screen every design; results are in input order. `progress` is called with the completed share."""
     p, spring = parameters or BuiltParameters(), springs or SpringParameters()
     free = (spring.cold_length, spring.hot_length)
-    found: list[Screened] = []
+    found: list[ScreeningResult] = []
     for i, body in enumerate(morphologies):
         robot = build(body, p)
-        margin, loose = static_margin(robot), freedoms(robot.positions, robot.springs)
-        why = shape_fault(robot)
+        margin, loose = static_margin(robot), count_mechanisms(robot.positions, robot.springs)
+        why = find_shape_fault(robot)
         if margin < MARGIN:
             why = f"static margin {margin * 1e3:.0f} mm, required {MARGIN * 1e3:.0f} mm"
-        found.append(Screened(i, margin, loose, np.zeros(0), None, False, why))
+        found.append(ScreeningResult(i, margin, loose, np.zeros(0), None, False, why))
     tables = {
         (motors, cycles): [(g, free_lengths(g, spring, cycles)) for g in candidate_gaits(motors, phases)]
         for motors in {m.motors for m in morphologies}
         for cycles in (_SOFT_CYCLES, CYCLES)
     }
 
-    def pass_over(chosen: list[int], parameters: BuiltParameters, cycles: int, exact: bool) -> None:
+    def simulate_phases(chosen: list[int], parameters: BuiltParameters, cycles: int, exact: bool) -> None:
         for first in range(0, len(chosen), _AT_ONCE):
             together = chosen[first : first + _AT_ONCE]
             pairs = [(i, *pair) for i in together for pair in tables[morphologies[i].motors, cycles]]
@@ -104,12 +103,12 @@ def screen(
                 progress(0.5 * exact + 0.5 * (first + len(together)) / len(chosen))
 
     standing = [s.index for s in found if not s.rejected]
-    pass_over(standing, replace(p, tension=min(_SOFT, p.tension)), _SOFT_CYCLES, False)
-    pass_over(sorted(standing, key=lambda i: -found[i].best)[:_EXACT], p, CYCLES, True)
+    simulate_phases(standing, replace(p, tension=min(_SOFT, p.tension)), _SOFT_CYCLES, False)
+    simulate_phases(sorted(standing, key=lambda i: -found[i].best)[:_EXACT], p, CYCLES, True)
     return found
 
 
-def soft_walks(morphologies: Sequence[Morphology], phases: int = PHASES) -> FloatArray:
+def simulate_soft_walks(morphologies: Sequence[Morphology], phases: int = PHASES) -> FloatArray:
     """The first pass alone: displacement of every design in its best phase, with soft strips [body lengths
     per five cycles], shape (n,); minus infinity if it fell or folded in all phases."""
     soft, spring = replace(BuiltParameters(), tension=_SOFT), SpringParameters()

@@ -1,4 +1,4 @@
-"""Exact derivatives of a built robot's motion with respect to its parameters.
+"""Exact derivatives of a printed robot's motion with respect to its parameters.
 
 They are used to fit a model to a real robot, and to see which parameters a motion depends on. The engine
 computes them together with the motion (`eldir.engine.built.motion_kernel`, forward mode). They are
@@ -35,32 +35,32 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eldir.built.motion import (
-    FINE,
+    OK,
     check_states,
     check_tables,
     check_times,
     free_ranges,
-    member,
+    make_member,
 )
 from eldir.built.robot import rest_state
 from eldir.built.tangents import TANGENTS, DriveInputs, Tangent
-from eldir.core.arguments import require_known, require_number, require_shape, require_value
+from eldir.core.arguments import require_count, require_known, require_shape, require_value
 from eldir.core.records import FloatArray, Record
 from eldir.errors import InputError
 
 if TYPE_CHECKING:
-    from eldir.engine.built.motion_batch import Member
+    from eldir.engine.built.motion_batch import MotionInputs, MotionResult
 
 
 @dataclass(frozen=True, eq=False)
 class Sensitivity(Record):
-    """Motion of a built robot, and its derivative with respect to each of P parameters."""
+    """Motion of a printed robot, and its derivative with respect to each of P parameters."""
 
     times: FloatArray
     """Times [s], shape (T,)."""
     positions: FloatArray
     """Positions [m], as `drive` computes them, shape (T, M, 2); NaN from the interval in which the simulation
-    blew up."""
+    diverged."""
     slopes: FloatArray
     """Derivatives of the positions [m per unit of the parameter], shape (P, T, M, 2); NaN from the same
     interval."""
@@ -69,7 +69,7 @@ class Sensitivity(Record):
     state_slopes: FloatArray
     """Derivatives of `state`, shape (P, 4 or 7, M)."""
     status: int
-    """`FINE` (-1), or the interval in which the simulation blew up."""
+    """`OK` (-1), or the interval in which the simulation diverged."""
 
 
 def sensitivities(
@@ -91,38 +91,51 @@ def sensitivities(
     """
     from eldir.engine.built import motion_batch
 
-    require_number("lists of parameters", len(parameters), len(drives), "drive")
+    every = _check_arguments(drives, parameters, states, every, step)
+    members, slopes = [], []
+    for r, (drive, names) in enumerate(zip(drives, parameters, strict=True)):
+        require_value(f"parameters of drive {r}", names, "at least one of " + ", ".join(TANGENTS))
+        state = rest_state(drive.robot) if states is None else states[r]
+        mine = make_member(drive.robot, drive.lengths, drive.interval, step, drive.free, state)
+        members += [mine] * len(names)
+        slopes += [_tangent_of_member(drive, mine, _tangent(drive, name)) for name in names]
+    if not drives:
+        return []
+    outcomes = iter(motion_batch.run_motions(members, every, slopes))
+    return [
+        _sensitivity([next(outcomes) for _ in names], every, drive.interval)
+        for drive, names in zip(drives, parameters, strict=True)
+    ]
+
+
+def _check_arguments(
+    drives: Sequence[DriveInputs],
+    parameters: Sequence[Sequence[str | Tangent]],
+    states: Sequence[FloatArray] | None,
+    every: int,
+    step: float | None,
+) -> int:
+    """`every` as an int. Raises `InputError` for arguments that `sensitivities` does not accept."""
+    require_count("lists of parameters", len(parameters), len(drives), "drive")
     robots = [drive.robot for drive in drives]
     check_tables(robots, [drive.lengths for drive in drives])
     check_states(robots, states)
     for drive in drives:
         free_ranges(drive.free, 1)
     every = check_times([drive.interval for drive in drives], every, step)
-    if any(drive.robot.joints == "hubs" for drive in drives):
-        raise InputError(
-            "robots with hubs have no slopes", code="robot.hubs", remedy="start from BuiltParameters()"
-        )
-    members, slopes = [], []
-    for r, (drive, names) in enumerate(zip(drives, parameters, strict=True)):
-        require_value(f"parameters of drive {r}", names, "at least one of " + ", ".join(TANGENTS))
-        state = rest_state(drive.robot) if states is None else states[r]
-        mine = member(drive.robot, drive.lengths, drive.interval, step, drive.free, state)
-        members += [mine] * len(names)
-        slopes += [_slope(drive, mine, _tangent(drive, name)) for name in names]
-    if not drives:
-        return []
-    outcomes = motion_batch.run_motions(members, every, slopes)
-    found, first = [], 0
-    for drive, names in zip(drives, parameters, strict=True):
-        part = outcomes[first : first + len(names)]
-        first += len(names)
-        x, ended, blown = part[0].positions, part[0].state, part[0].blown
-        dx, ended_ = (np.stack([o.slopes[i] for o in part if o.slopes]) for i in range(2))
-        if blown != FINE:
-            x[blown // every + 1 :] = dx[:, blown // every + 1 :] = np.nan
-        times = np.arange(len(x)) * every * drive.interval
-        found.append(Sensitivity(times, x, dx, ended, ended_, blown))
-    return found
+    if any(robot.joints == "hubs" for robot in robots):
+        problem = "robots with hubs have no derivatives"
+        raise InputError(problem, code="robot.hubs", remedy="start from BuiltParameters()")
+    return every
+
+
+def _sensitivity(outcomes: Sequence[MotionResult], every: int, interval: float) -> Sensitivity:
+    """The sensitivity of one robot, from the engine's outcomes of its P parameters."""
+    x, state, diverged = outcomes[0].positions, outcomes[0].state, outcomes[0].diverged_at
+    dx, d_state = (np.stack([o.tangents[i] for o in outcomes if o.tangents]) for i in range(2))
+    if diverged != OK:
+        x[diverged // every + 1 :] = dx[:, diverged // every + 1 :] = np.nan
+    return Sensitivity(np.arange(len(x)) * every * interval, x, dx, state, d_state, diverged)
 
 
 def _tangent(drive: DriveInputs, parameter: str | Tangent) -> Tangent:
@@ -132,38 +145,38 @@ def _tangent(drive: DriveInputs, parameter: str | Tangent) -> Tangent:
     return TANGENTS[parameter](drive)
 
 
-def _slope(drive: DriveInputs, mine: Member, d: Tangent) -> Member:
+def _tangent_of_member(drive: DriveInputs, mine: MotionInputs, d: Tangent) -> MotionInputs:
     """Derivative of all inputs of the engine."""
-    from eldir.engine.built.motion_batch import Member
+    from eldir.engine.built.motion_batch import MotionInputs
 
     robot, (dt, decay) = drive.robot, mine.properties[[0, 2]]
     order = np.argsort(~robot.active, kind="stable")
     strips = [d.rest_lengths, d.stiffness, d.buckling, d.damping, d.bending]
-    per_mass = [
+    inverse_masses = [
         *(
-            -_full(heavier, of) * inverse**2
+            -_broadcast(heavier, of) * inverse**2
             for heavier, of, inverse in zip(
-                (d.masses, d.inertias), (robot.masses, robot.inertias), mine.per_mass, strict=False
+                (d.masses, d.inertias), (robot.masses, robot.inertias), mine.inverse_masses, strict=False
             )
         ),
-        _full(d.friction, robot.friction),
+        _broadcast(d.friction, robot.friction),
     ]
-    return Member(
+    return MotionInputs(
         springs=mine.springs,
         direction=mine.direction,
-        strips=np.stack([_full(v, robot.stiffness)[order] for v in strips]),
-        per_mass=np.stack(per_mass),
+        strips=np.stack([_broadcast(v, robot.stiffness)[order] for v in strips]),
+        inverse_masses=np.stack(inverse_masses),
         properties=np.array(
             [0.0, d.gravity * dt, -dt * decay * d.drag, 0.0, d.bending_delay, *[0.0] * 5, d.downhill * dt]
         ),
-        lengths=_full(d.lengths, mine.lengths),
-        stiffnesses=_full(d.stiffnesses, mine.stiffnesses),
-        state=_full(d.state, mine.state),
+        lengths=_broadcast(d.lengths, mine.lengths),
+        stiffnesses=_broadcast(d.stiffnesses, mine.stiffnesses),
+        state=_broadcast(d.state, mine.state),
         joints=mine.joints,
         bristles=mine.bristles,
     )
 
 
-def _full(value: FloatArray | float, like: FloatArray) -> FloatArray:
+def _broadcast(value: FloatArray | float, like: FloatArray) -> FloatArray:
     require_shape("array of a direction", np.shape(value), (), like.shape)
     return np.broadcast_to(np.asarray(value, np.float64), like.shape)

@@ -1,4 +1,4 @@
-"""The largest time step at which the simulation of a built robot is stable.
+"""The largest time step at which the simulation of a printed robot is stable.
 
 Semi-implicit Euler with dashpots is stable while dt^2 K + 2 dt C < 4 M (Jury's criterion); the largest
 eigenvalues of M^-1 K and M^-1 C are taken separately, which errs on the safe side.
@@ -14,7 +14,7 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 from eldir.core.records import FloatArray
 
 if TYPE_CHECKING:
-    from eldir.built.robot import BuiltRobot
+    from eldir.built.robot import PrintedRobot
 
 STICKS = float(np.radians(0.5))
 """Angle by which a strip turns before the friction of its socket gives way [rad]."""
@@ -24,7 +24,7 @@ _SPLITS = (0.2, 0.3, 0.4, 0.5, 0.7, 1.0)
 _TURNED = 0.5  # sine of the largest angle between a hub and a strip: 30 degrees
 
 
-def stable_step(robot: BuiltRobot) -> float:
+def stable_step(robot: PrintedRobot) -> float:
     """Largest stable step in the pose as assembled [s]."""
     if robot.joints == "hubs":
         return stable_step_in_any_pose(robot)
@@ -49,10 +49,10 @@ def stable_step(robot: BuiltRobot) -> float:
     )
 
 
-def stable_step_in_any_pose(robot: BuiltRobot) -> float:
+def stable_step_in_any_pose(robot: PrintedRobot) -> float:
     """Largest stable step in any pose [s].
 
-    (u . (xa - xb))^2 <= |xa - xb|^2 for any unit vector u, so that no pose is stiffer than the body
+    `(u . (xa - xb))^2 <= |xa - xb|^2` for any unit vector u, so that no pose is stiffer than the body
     with all its springs along one line. Bending couples translation t = w . (xa - xb) / l and rotation p
     of a strip; (p - 2 t)^2 <= (1 + e) p^2 + (1 + 1/e) 4 t^2 separates them for any w. In the same
     way the motion of a hub's centre is separated from that of its hinges as it turns, for strips that turn by
@@ -90,7 +90,7 @@ def stable_step_in_any_pose(robot: BuiltRobot) -> float:
     return max(steps)
 
 
-def _ends(robot: BuiltRobot) -> FloatArray:
+def _ends(robot: PrintedRobot) -> FloatArray:
     """Incidence matrix: 1 at the first and -1 at the second mass of every spring, shape (S, M)."""
     ends = np.zeros((len(robot.springs), len(robot.masses)))
     rows = np.arange(len(ends))

@@ -1,4 +1,4 @@
-"""Directions in which the motion of a built robot can be differentiated.
+"""Tangents: derivatives of the inputs of a printed robot's motion with respect to its parameters.
 
 A parameter changes masses, springs, free lengths and ground all at once. A `Tangent` is the derivative of
 all these inputs with respect to one parameter; `TANGENTS` lists those that have a name.
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from eldir.built.motion import FREE, stiffnesses
-from eldir.built.robot import BuiltRobot
+from eldir.built.robot import PrintedRobot, foremost_mass
 from eldir.core.records import FloatArray, Record
 from eldir.errors import InputError
 
@@ -39,7 +39,7 @@ class Tangent(Record):
     bending: FloatArray | float = 0.0
     """Bending stiffness E I / l of the strips [N m], shape (S,)."""
     bending_delay: float = 0.0
-    """Bending delay [s] (`eldir.built.robot.BuiltRobot.bending_delay`)."""
+    """Bending delay [s] (`eldir.built.robot.PrintedRobot.bending_delay`)."""
     gravity: float = 0.0
     """Gravity across the table [m/s2]."""
     downhill: float = 0.0
@@ -60,7 +60,7 @@ class Tangent(Record):
 class DriveInputs:
     """One robot and the free lengths that move it: the arguments of `eldir.built.motion.drive`."""
 
-    robot: BuiltRobot
+    robot: PrintedRobot
     lengths: FloatArray
     """Free lengths of the active springs [m], shape (K + 1, A)."""
     interval: float
@@ -79,8 +79,8 @@ class DriveInputs:
         """Stiffness of the active springs [N/m], shape (K + 1, A)."""
         return stiffnesses(self.robot.parameters, self.lengths, self.free)
 
-    def by_lengths(self, slopes: FloatArray) -> Tangent:
-        """Direction of a parameter that acts through the free lengths, such as a current.
+    def length_tangent(self, slopes: FloatArray) -> Tangent:
+        """Tangent of a parameter that acts through the free lengths, such as a current.
 
         `slopes`: derivatives of the free lengths [m], shape (K + 1, A). The stiffness follows the length.
         """
@@ -89,8 +89,8 @@ class DriveInputs:
         stiffening = np.where(inside, (p.hot_stiffness - p.cold_stiffness) / (hot - cold), 0.0)
         return Tangent(lengths=slopes, stiffnesses=slopes * stiffening)
 
-    def by_masses(self, slopes: FloatArray) -> Tangent:
-        """Direction of a parameter that acts through the masses.
+    def mass_tangent(self, slopes: FloatArray) -> Tangent:
+        """Tangent of a parameter that acts through the masses.
 
         `slopes`: derivatives of the masses [kg], shape (M,). The moments of inertia of the hexagons follow,
         and the dashpots of the strips, whose damping ratio is fixed.
@@ -134,7 +134,7 @@ def _strip_damping(drive: DriveInputs) -> Tangent:
 
 def _hexagon(drive: DriveInputs) -> Tangent:
     r = drive.robot
-    of_masses = drive.by_masses(np.ones(len(r.masses)))
+    of_masses = drive.mass_tangent(np.ones(len(r.masses)))
     return Tangent(
         masses=of_masses.masses, inertias=of_masses.inertias, damping=of_masses.damping,
         bending_delay=r.bending_delay / (2 * r.parameters.hexagon),
@@ -145,19 +145,18 @@ def _halves(drive: DriveInputs, of: FloatArray) -> Tangent:
     """Derivative of the masses [kg] when springs add mass: half of each at either end."""
     ends = drive.robot.springs.ravel()
     share = np.bincount(ends, np.repeat(of / 2, 2), minlength=len(drive.robot.masses))
-    return drive.by_masses(share.astype(np.float64))
+    return drive.mass_tangent(share.astype(np.float64))
 
 
 def _half_connector(drive: DriveInputs) -> Tangent:
     degree = np.bincount(drive.robot.springs.ravel(), minlength=len(drive.robot.masses))
-    return drive.by_masses((degree < 6).astype(float))
+    return drive.mass_tangent((degree < 6).astype(float))
 
 
 def _ballast(drive: DriveInputs) -> Tangent:
-    x = drive.robot.positions
-    slopes = np.zeros(len(x))
-    slopes[np.lexsort((x[:, 1], -x[:, 0]))[0]] = 1.0
-    return drive.by_masses(slopes)
+    slopes = np.zeros(len(drive.robot.positions))
+    slopes[foremost_mass(drive.robot.positions)] = 1.0
+    return drive.mass_tangent(slopes)
 
 
 def _gravity(drive: DriveInputs) -> Tangent:
@@ -199,5 +198,5 @@ TANGENTS: dict[str, Callable[[DriveInputs], Tangent]] = {
     "gyration": lambda d: Tangent(inertias=2 * d.robot.masses * d.robot.parameters.gyration),
     "ballast": _ballast,
 }
-"""Directions by name: fields of `BuiltParameters`; cold and hot free length [m], with the same heating; a lag
+"""Tangents by name: fields of `BuiltParameters`; cold and hot free length [m], with the same heating; a lag
 of all motors [s]; ballast on the foremost mass [kg]."""

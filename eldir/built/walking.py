@@ -1,5 +1,5 @@
-"""Walks of built robots: displacement, and what makes its prediction worthless: falls, folding, coils that
-buckle, and slips that are left to chance."""
+"""Walks of printed robots: displacement, and what makes its prediction useless: falls, folding, coils that
+buckle, and ties, in which chance decides which foot slips."""
 
 from __future__ import annotations
 
@@ -9,22 +9,21 @@ from typing import overload
 
 import numpy as np
 
-from eldir.built.gait import CYCLES, FreeLengths, Gait, free_lengths_of_all
-from eldir.built.motion import FINE, BuiltMotion, drive
-from eldir.built.robot import BuiltRobot
-from eldir.built.statics import closest, least_opening
-from eldir.core.arguments import require_number, whole_number
+from eldir.built.gait import CYCLES, FreeLengths, Gait, free_lengths_batch
+from eldir.built.motion import OK, PrintedMotion, drive
+from eldir.built.robot import PrintedRobot, min_area_ratio, min_mass_distance
+from eldir.core.arguments import require_count, require_whole_number
 from eldir.core.records import FloatArray
 from eldir.parameters.springs import SpringParameters
 
-TOPPLED = np.deg2rad(45)
+TOPPLED_ANGLE = np.deg2rad(45)
 """Rotation beyond which a body has fallen over [rad]."""
-FOLDED = 0.1
+FOLDED_AREA_RATIO = 0.1
 """A triangle that shrinks below this part of its area has folded: parts have passed through each other."""
 _TOUCHING = 0.014  # between centres of two masses: hexagons of 12 mm across their flats touch [m]
 _SAMPLE = 20  # intervals between positions kept: one second
 _FINE_SAMPLE = 2  # the same where sliding is looked at: 0.1 s
-TIED = 0.3
+MAX_TIE_SHARE = 0.3
 """A larger share of ties makes a prediction doubtful."""
 _EVEN = 0.05  # of the load: both outer feet bear 45 to 55 per cent
 _CONTACT = 1e-4  # heights up to this count as on the table [m]
@@ -32,13 +31,13 @@ _CONTACT = 1e-4  # heights up to this count as on the table [m]
 
 @overload
 def walk(
-    robots: BuiltRobot, gait: Gait, springs: SpringParameters | None = None, *, cycles: int = CYCLES
+    robots: PrintedRobot, gait: Gait, springs: SpringParameters | None = None, *, cycles: int = CYCLES
 ) -> float: ...
 
 
 @overload
 def walk(
-    robots: Sequence[BuiltRobot],
+    robots: Sequence[PrintedRobot],
     gait: Gait | Sequence[Gait],
     springs: SpringParameters | None = None,
     *,
@@ -47,13 +46,13 @@ def walk(
 
 
 def walk(
-    robots: BuiltRobot | Sequence[BuiltRobot],
+    robots: PrintedRobot | Sequence[PrintedRobot],
     gait: Gait | Sequence[Gait],
     springs: SpringParameters | None = None,
     *,
     cycles: int = CYCLES,
 ) -> float | FloatArray:
-    """Forward displacement of built robots with a gait [body lengths per five cycles].
+    """Forward displacement of printed robots with a gait [body lengths per five cycles].
 
     One robot gives a number; n robots give shape (n,), with one gait for all or one for each. Minus infinity
     means that the robot fell over, folded until parts touch, or that a coil buckled. `springs`: the
@@ -75,42 +74,42 @@ def walk(
     >>> round(walk(robot, gait, cycles=1), 1)
     0.1
     """
-    alone = isinstance(robots, BuiltRobot)
-    every = [robots] if isinstance(robots, BuiltRobot) else list(robots)
+    alone = isinstance(robots, PrintedRobot)
+    every = [robots] if isinstance(robots, PrintedRobot) else list(robots)
     gaits = [gait] * len(every) if isinstance(gait, Gait) else list(gait)
-    cycles = whole_number("cycles", cycles, 1)
-    require_number("gaits", len(gaits), len(every))
+    cycles = require_whole_number("cycles", cycles, 1)
+    require_count("gaits", len(gaits), len(every))
     spring = springs or SpringParameters()
     heated = [(own, [spring] * int(robot.active.sum())) for own, robot in zip(gaits, every, strict=True)]
-    tables = free_lengths_of_all(heated, cycles)
+    tables = free_lengths_batch(heated, cycles)
     walks = displacements(every, tables, cycles, (spring.cold_length, spring.hot_length))
     return float(walks[0]) if alone else walks
 
 
 def displacements(
-    robots: Sequence[BuiltRobot],
+    robots: Sequence[PrintedRobot],
     tables: Sequence[FreeLengths],
     cycles: int,
     free: tuple[float, float] | Sequence[tuple[float, float]],
     mass_scaling: float = 1.0,
-    most_coil_load: float = 1.0,
+    max_coil_load: float = 1.0,
 ) -> FloatArray:
     """Displacement under prescribed free lengths [body lengths per five cycles], shape (n,); minus infinity
     if the robot fell or folded, or if a coil buckled: then nothing is predicted.
 
-    `free`: cold and hot free length [m], and `mass_scaling`, as `drive` takes them. `most_coil_load`: the
+    `free`: cold and hot free length [m], and `mass_scaling`, as `drive` takes them. `max_coil_load`: the
     compression of a coil that counts as buckling, over that at which it buckles; less than one is a margin.
     """
     if not robots:
         return np.zeros(0)
-    motions = _moved(robots, tables, _SAMPLE, free, mass_scaling)
+    motions = _simulate(robots, tables, _SAMPLE, free, mass_scaling)
     return np.array(
-        [_displacement(*one, cycles, most_coil_load) for one in zip(robots, motions, tables, strict=True)]
+        [_displacement(*one, cycles, max_coil_load) for one in zip(robots, motions, tables, strict=True)]
     )
 
 
 def displacements_and_ties(
-    robots: Sequence[BuiltRobot],
+    robots: Sequence[PrintedRobot],
     tables: Sequence[FreeLengths],
     cycles: int,
     free: tuple[float, float] | Sequence[tuple[float, float]],
@@ -120,7 +119,7 @@ def displacements_and_ties(
     (`tie_share`), shape (n,) each; NaN where the robot fell or folded."""
     if not robots:
         return np.zeros(0), np.zeros(0)
-    motions = _moved(robots, tables, _FINE_SAMPLE, free, mass_scaling)
+    motions = _simulate(robots, tables, _FINE_SAMPLE, free, mass_scaling)
     walks, ties = np.zeros(len(robots)), np.full(len(robots), np.nan)
     for r, (robot, motion, table) in enumerate(zip(robots, motions, tables, strict=True)):
         part = slice(None, None, _SAMPLE // _FINE_SAMPLE)
@@ -131,40 +130,45 @@ def displacements_and_ties(
     return walks, ties
 
 
-def _moved(
-    robots: Sequence[BuiltRobot],
+def _simulate(
+    robots: Sequence[PrintedRobot],
     tables: Sequence[FreeLengths],
     every: int,
     free: tuple[float, float] | Sequence[tuple[float, float]],
     mass_scaling: float,
-) -> list[BuiltMotion]:
+) -> list[PrintedMotion]:
     lengths, interval = [t.lengths for t in tables], tables[0].interval
     return drive(robots, lengths, interval, every=every, free=free, mass_scaling=mass_scaling)
 
 
 def _displacement(
-    robot: BuiltRobot, motion: BuiltMotion, table: FreeLengths, cycles: int, most_coil_load: float = 1.0
+    robot: PrintedRobot, motion: PrintedMotion, table: FreeLengths, cycles: int, max_coil_load: float = 1.0
 ) -> float:
     """`motion` is kept every `_SAMPLE` intervals."""
-    if not stands(robot, motion, table.lengths[::_SAMPLE], most_coil_load):
+    if not stays_upright(robot, motion, table.lengths[::_SAMPLE], max_coil_load):
         return -np.inf
     first = table.first_cycle // _SAMPLE
     forward = motion.positions[-1, :, 0].mean() - motion.positions[first, :, 0].mean()
     return float(forward / robot.body_length * CYCLES / cycles)
 
 
-def stands(robot: BuiltRobot, motion: BuiltMotion, lengths: FloatArray, most_coil_load: float = 1.0) -> bool:
+def stays_upright(
+    robot: PrintedRobot, motion: PrintedMotion, lengths: FloatArray, max_coil_load: float = 1.0
+) -> bool:
     """Whether a robot stays upright and does not fold until parts touch, and no coil buckles: otherwise
     nothing is predicted. `lengths`: free lengths of its motors at the instants of `motion` [m].
-    `most_coil_load` as in `displacements`."""
-    if motion.status != FINE or np.abs(rotation(robot.positions, motion.positions)).max() > TOPPLED:
+    `max_coil_load` as in `displacements`."""
+    if motion.status != OK or np.abs(rotation(robot.positions, motion.positions)).max() > TOPPLED_ANGLE:
         return False
-    if least_opening(robot, motion.positions) < FOLDED or closest(motion.positions) < _TOUCHING:
+    if (
+        min_area_ratio(robot, motion.positions) < FOLDED_AREA_RATIO
+        or min_mass_distance(motion.positions) < _TOUCHING
+    ):
         return False
-    return bool(coil_load(robot, motion, lengths).max(initial=0.0) <= most_coil_load)
+    return bool(coil_load(robot, motion, lengths).max(initial=0.0) <= max_coil_load)
 
 
-def coil_load(robot: BuiltRobot, motion: BuiltMotion, lengths: FloatArray) -> FloatArray:
+def coil_load(robot: PrintedRobot, motion: PrintedMotion, lengths: FloatArray) -> FloatArray:
     """Shortening of each coil over the one at which it buckles, shape (T, A); negative in tension.
 
     The simulation knows coils as straight springs. One that buckles bows sideways, carries less and touches
@@ -200,12 +204,12 @@ def rotation(rest: FloatArray, positions: FloatArray) -> FloatArray:
 def describe_ties(share: float) -> str:
     """A share of ties in words."""
     words = f"ties: in {share:.0%} of the feet's sliding both outer feet bear about the same load"
-    if share > TIED:
+    if share > MAX_TIE_SHARE:
         return f"{words}; chance decides which one slips, so this prediction is doubtful"
-    return f"{words} (above {TIED:.0%} a prediction is doubtful)"
+    return f"{words} (above {MAX_TIE_SHARE:.0%} a prediction is doubtful)"
 
 
-def tie_share(robot: BuiltRobot, positions: FloatArray) -> float:
+def tie_share(robot: PrintedRobot, positions: FloatArray) -> float:
     """Share of the feet's sliding during which both outer feet bear 45 to 55 per cent of the load; 0 for a
     robot that does not slide.
 

@@ -1,25 +1,26 @@
-"""Checks of arguments: every kind of fault has one sentence and one code, and its `key` names the argument.
+"""Checks of arguments. Each kind of fault has one message and one code, and `key` names the argument.
 
-A number beyond the ranges of a run is refused before anything is allocated or written.
+A number beyond the limits of a run is refused before anything is allocated or written.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from dataclasses import dataclass
 from numbers import Integral
 
 from eldir.errors import InputError
 
-_GENES = 100_000_000
-"""Most triangles in a generation: about a gigabyte while they are drawn."""
-_LOSSES = 100_000_000
+_MAX_GENES = 100_000_000
+"""Triangles of a generation: about a gigabyte while they are sampled."""
+_MAX_LOSSES = 100_000_000
 
 
 def require_value(
     name: str, ok: object, expected: str, found: object = None, remedy: str | None = None
 ) -> None:
-    """Raise `InputError` unless the argument of this name is right."""
+    """Raise `InputError` unless `ok`, the check of the argument of this name, is true."""
     if not ok:
         given = None if found is None else str(found)
         raise InputError(
@@ -32,11 +33,11 @@ def require_value(
         )
 
 
-def require_number(what: str, found: int, wanted: int, each: str = "robot") -> None:
+def require_count(what: str, found: int, wanted: int, each: str = "robot") -> None:
     """Raise `InputError` unless there are as many as wanted, one for each robot, or whatever `each` says."""
     if found != wanted:
         expected = f"{wanted}, one for each {each}"
-        problem = f"wrong number of {what}"
+        problem = f"invalid number of {what}"
         raise InputError(problem, code="input.wrong-number", key=what, expected=expected, found=str(found))
 
 
@@ -44,12 +45,12 @@ def require_shape(
     name: str, shape: tuple[int, ...], *wanted: tuple[int | None, ...], remedy: str | None = None
 ) -> None:
     """Raise `InputError` unless an array has one of the wanted shapes, in which `None` admits any length."""
-    if expected := unmet(shape, *wanted):
-        problem, code = f"{name} has the wrong shape", "input.wrong-shape"
+    if expected := describe_mismatch(shape, *wanted):
+        problem, code = f"invalid shape of {name}", "input.wrong-shape"
         raise InputError(problem, code=code, key=name, expected=expected, found=str(shape), remedy=remedy)
 
 
-def unmet(shape: tuple[int, ...], *wanted: tuple[int | None, ...]) -> str:
+def describe_mismatch(shape: tuple[int, ...], *wanted: tuple[int | None, ...]) -> str:
     """The wanted shapes in words where this is none of them, otherwise nothing."""
     for one in wanted:
         if len(shape) == len(one) and all(w in (None, n) for w, n in zip(one, shape, strict=True)):
@@ -74,7 +75,7 @@ def require_known(
         )
 
 
-def whole_number(name: str, value: object, least: int, most: int | None = None) -> int:
+def require_whole_number(name: str, value: object, least: int, most: int | None = None) -> int:
     """The value as an int; NumPy's integers are welcome. Raises `InputError` unless it is in the range."""
     number = int(value) if isinstance(value, Integral) else least - 1
     upper = f"of at least {least}" if most is None else f"from {least} to {most}"
@@ -83,11 +84,11 @@ def whole_number(name: str, value: object, least: int, most: int | None = None) 
     return number
 
 
-def require_room(rows: int, columns: int, population: int, iterations: int = 0) -> None:
+def require_memory(rows: int, columns: int, population: int, iterations: int = 0) -> None:
     """Raise `InputError` if the genes or the losses of one generation do not fit into memory."""
     for what, found, most in (
-        ("population x rows x columns", population * rows * columns, _GENES),
-        ("population x iterations", population * (iterations + 1), _LOSSES),
+        ("population x rows x columns", population * rows * columns, _MAX_GENES),
+        ("population x iterations", population * (iterations + 1), _MAX_LOSSES),
     ):
         remedy = "use a smaller population or lattice"
         require_value(what, found <= most, f"at most {most}, which fit into the memory", found, remedy)
@@ -102,3 +103,46 @@ def require_margin(name: str, margin: float, columns: int, pitch: float) -> None
     most = pitch * (columns + 1) / 4
     expected = f"at most {1e3 * most:.0f} mm on a lattice of {columns} columns"
     require_value(name, -math.inf < margin <= most, expected, f"{1e3 * margin:g} mm")
+
+
+@dataclass(frozen=True)
+class Unit:
+    """Another unit of a quantity: a number x in it is `scale * x + offset` in the expected one."""
+
+    name: str
+    scale: float
+    offset: float = 0.0
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A quantity of which people give numbers in several units."""
+
+    unit: str
+    """The expected unit, as it is printed."""
+    low: float
+    high: float
+    """Range of plausible numbers in the expected unit."""
+    others: tuple[Unit, ...]
+    """Units in which people give it by mistake."""
+
+    def require_plausible(self, what: str, value: float, remedy: str = "convert it") -> None:
+        """Raise `InputError` where `value` is outside of the range, with the units in which it is inside."""
+        if self.low <= value <= self.high:
+            return
+        units = [u.name for u in self.others if self.low <= u.scale * value + u.offset <= self.high]
+        raise InputError(
+            f"{what} is not plausible",
+            code="input.implausible",
+            expected=f"{self.low:g} to {self.high:g} {self.unit}",
+            found=f"{value:.6g}" + (f", which looks like {' or '.join(units)}" if units else ""),
+            remedy=remedy,
+        )
+
+
+def length_quantity(unit: str, low: float, high: float) -> Quantity:
+    """A length in "m" or "mm" with its plausible range."""
+    names = {"metres": 1.0, "millimetres": 1e-3, "centimetres": 1e-2, "inches": 0.0254}
+    expected = {"m": 1.0, "mm": 1e-3}[unit]
+    others = tuple(Unit(name, metres / expected) for name, metres in names.items() if metres != expected)
+    return Quantity(unit, low, high, others)

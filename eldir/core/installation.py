@@ -12,8 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from eldir.core.kernels import COMPILERS, compiler_name
-from eldir.core.provenance import source_digest
-from eldir.core.version import __version__
+from eldir.core.version import __version__, source_digest
 from eldir.errors import EldirError
 
 FORMAT = "eldir-info/1"

@@ -19,7 +19,7 @@ PRECISION: Precision = "f32"
 COMPILERS = ("taichi", "quadrants")
 """By preference."""
 Device = Literal["cpu", "cuda", "vulkan"]
-AskedDevice = Literal["cpu", "cuda", "vulkan", "auto"]
+DeviceChoice = Literal["cpu", "cuda", "vulkan", "auto"]
 
 
 def compiler_name() -> str:
@@ -42,11 +42,11 @@ def compiler_name() -> str:
     return asked or there[0]
 
 
-def device_name() -> AskedDevice:
+def device_name() -> DeviceChoice:
     """cpu | cuda | vulkan | auto: where robots learn, by `ELDIR_DEVICE`; cpu where it is not set.
 
     Raises `InputError` for another name."""
     asked = os.environ.get("ELDIR_DEVICE", "") or "cpu"
-    known = get_args(AskedDevice)
+    known = get_args(DeviceChoice)
     require_value("ELDIR_DEVICE", asked in known, ", ".join(known), repr(asked))
-    return cast(AskedDevice, asked)
+    return cast(DeviceChoice, asked)

@@ -57,7 +57,7 @@ def configure(program: str, handler: logging.Handler | None = None) -> None:
 
 
 def is_detailed() -> bool:
-    """Whether somebody asked for more than warnings."""
+    """Whether more than warnings is written."""
     return bool(os.environ.get(VARIABLE))
 
 

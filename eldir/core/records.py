@@ -19,10 +19,9 @@ from pydantic import ConfigDict, Field, GetCoreSchemaHandler, GetJsonSchemaHandl
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, core_schema
 
-from eldir.core.arguments import unmet
-from eldir.core.files import read_json, write_text
-from eldir.core.json_text import LARGEST
-from eldir.core.validation import STRICT, Checked, Plain, validated
+from eldir.core.arguments import describe_mismatch
+from eldir.core.files import MAX_JSON_BYTES, read_json, write_text
+from eldir.core.validation import STRICT, Checked, Plain, validate
 from eldir.errors import InputError
 
 FloatArray = NDArray[np.floating]
@@ -33,7 +32,7 @@ OMITTED = Field(exclude_if=lambda value: value is None)
 """Annotation of a field that a file leaves out where it is None."""
 
 SourceDigest = Annotated[str, Field(pattern="^[0-9a-f]{12}$")]
-"""What `eldir.core.provenance.source_digest` gives."""
+"""What `eldir.core.version.source_digest` gives."""
 
 _Class = TypeVar("_Class", bound=type)
 
@@ -42,7 +41,7 @@ _Class = TypeVar("_Class", bound=type)
 def record(cls: _Class) -> _Class:
     """Make a class of annotated fields, derived from `Record`, a frozen dataclass that checks its fields.
 
-    Raises `InputError` where it is constructed with a wrong value.
+    Raises `InputError` where it is constructed with an invalid value.
     """
     config = ConfigDict(**STRICT, defer_build=True)
     return cast(_Class, pydantic.dataclasses.dataclass(cls, frozen=True, eq=False, config=config))
@@ -101,7 +100,7 @@ class FileRecord(Record):
     FORMAT: ClassVar[str]
     OLDER: ClassVar[tuple[str, ...]] = ()
     """Former formats, which `upgrade` takes too."""
-    MAX_BYTES: ClassVar[int] = LARGEST
+    MAX_BYTES: ClassVar[int] = MAX_JSON_BYTES
     INDENT: ClassVar[int | None] = 1
     """Of the lines of the file; None: all in one line."""
 
@@ -126,7 +125,7 @@ class FileRecord(Record):
     def load(cls, path: Path | str) -> Self:
         """Read a file. Raises `InputError` for a missing, damaged or foreign one."""
         known = (cls.FORMAT, *cls.OLDER)
-        return validated(cls, read_json(Path(path), cls.FORMAT, known, cls.MAX_BYTES), str(path))
+        return validate(cls, read_json(Path(path), cls.FORMAT, known, cls.MAX_BYTES), str(path))
 
     @classmethod
     def __get_pydantic_json_schema__(cls, core: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
@@ -171,15 +170,15 @@ class Array:
         return schema
 
     def read(self, given: Any) -> NDArray[Any]:
-        """The array; raises `ValueError` for what is none of its type and shape."""
+        """The array; raises `ValueError` for another type or shape."""
         own = isinstance(given, np.ndarray) and given.dtype == self.dtype
         array = np.array(given if own else self._converted(given))
         if self.dtype.kind == "f" and not self.gaps and not np.isfinite(array).all():
             raise ValueError("expected finite numbers")
-        if array.size == 0:  # a list without rows tells nothing of their length
+        if array.size == 0:  # a list without rows has no row length
             array = array.reshape(*array.shape, *(n or 0 for n in self.shape[array.ndim :]))
-        if wanted := unmet(array.shape, self.shape):
-            raise _ShapeError(f"has the wrong shape: expected {wanted}, found {array.shape}")
+        if wanted := describe_mismatch(array.shape, self.shape):
+            raise _ShapeError(f"invalid shape: expected {wanted}, found {array.shape}")
         array.flags.writeable = False
         return array
 
@@ -209,7 +208,7 @@ class Array:
             raise ValueError("expected finite numbers") from None
 
     def _is_taken(self, kind: type) -> bool:
-        """Whether a value may be of this type: true is no number."""
+        """Whether a value may be of this type; `true` is not accepted as a number."""
         if kind is type(None):
             return self.gaps
         if self.dtype.kind == "b":

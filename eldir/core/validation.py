@@ -1,4 +1,4 @@
-"""Values checked by pydantic; what it finds wrong is one line: the place, what was expected and found."""
+"""Values checked by pydantic. An invalid value gives one line: the place, what was expected and found."""
 
 from __future__ import annotations
 
@@ -31,7 +31,8 @@ STRICT = ConfigDict(
     serialize_by_alias=True,
     validate_by_name=True,
 )
-"""Strings are no numbers, and true is none; unknown entries are refused. An alias is the name in files."""
+"""A string or `true` is not accepted as a number, and unknown entries are refused. An alias is the name in
+files."""
 _Kind = TypeVar("_Kind")
 _PRIVATE = {half: half + 0x102000 for half in range(0xD800, 0xE000)}
 """Half characters, by which Python has bytes that are no UTF-8, as characters of the last private plane."""
@@ -47,67 +48,71 @@ def adapter(kind: Any) -> TypeAdapter[Any]:
     return TypeAdapter(kind)
 
 
-def validated(kind: type[_Kind], values: object, where: str, remedy: str = "correct the file") -> _Kind:
-    """Plain values, as JSON has them, as an object of this kind; `where` names them in an error.
+def validate(kind: type[_Kind], values: object, where: str, remedy: str = "correct the file") -> _Kind:
+    """Convert plain values, as JSON has them, into an object of this kind; `where` names them in an error.
 
-    Strings are no numbers, and true is none. Raises `InputError` for the first value that is wrong.
+    A string or `true` is not accepted as a number. Raises `InputError` for the first invalid value.
     """
     try:
         # pydantic takes lists for tuples in JSON alone, and no name of a file that is not UTF-8
-        text = json.dumps(_present(kind, values), default=_written, ensure_ascii=False)
+        text = json.dumps(_upgrade_values(kind, values), default=_date_text, ensure_ascii=False)
         sound = text.translate(_PRIVATE)
         read = adapter(kind).validate_json(sound, strict=True, by_alias=True, by_name=False)  # type: ignore[arg-type]
-        return cast(_Kind, read if sound == text else _restored(read))
+        return cast(_Kind, read if sound == text else _restore_surrogates(read))
     except ValidationError as error:
         raise _input_error(error, kind, where, ": ", remedy) from None
     except EldirError as error:
-        code = _own_code(error, kind)
-        raise InputError(f"{where} is not sound: {error}", code=code, key=error.key) from None
+        code = _inconsistency_code(error, kind)
+        raise InputError(f"{where} is invalid: {error}", code=code, key=error.key) from None
     except KeyError as error:
-        name, code = str(error.args[0]), f"{_code(kind)}.missing-key"
+        name, code = str(error.args[0]), f"{_code_prefix(kind)}.missing-key"
         raise InputError(f"{where}: {name} is missing", code=code, key=name, remedy=remedy) from None
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:  # of an `upgrade`
-        found = f"a wrong value: {error}"[:200]
+        found = f"an invalid value: {error}"[:200]
         raise InputError(f"{where} is damaged", code="file.damaged", found=found, remedy=remedy) from None
 
 
-def _restored(value: Any) -> Any:
+def _restore_surrogates(value: Any) -> Any:
     """What was read, with half characters in its texts again."""
     match value:
         case str():
             return value.translate({private: half for half, private in _PRIVATE.items()})
         case dict():
-            return {_restored(key): _restored(inner) for key, inner in value.items()}
+            return {_restore_surrogates(key): _restore_surrogates(inner) for key, inner in value.items()}
         case list() | tuple() | frozenset() if not hasattr(value, "_fields"):
-            return type(value)(map(_restored, value))
+            return type(value)(map(_restore_surrogates, value))
         case Plain() if is_dataclass(value):
-            return replace(value, **{f.name: _restored(getattr(value, f.name)) for f in fields(value)})
+            return replace(
+                value, **{f.name: _restore_surrogates(getattr(value, f.name)) for f in fields(value)}
+            )
     return value
 
 
-def _present(kind: Any, values: Any) -> Any:
+def _upgrade_values(kind: Any, values: Any) -> Any:
     """The values of a file of any age as this version has them, at every depth."""
     if isinstance(kind, type) and issubclass(kind, Plain) and isinstance(values, dict):
-        values, inner = kind.upgrade(values), _kinds(kind)  # type: ignore[arg-type]
+        values, inner = kind.upgrade(values), _entry_types(kind)  # type: ignore[arg-type]
         if kind.OPTIONAL is not None and (missing := set(inner) - kind.OPTIONAL - set(values)):
             raise KeyError(min(missing))
-        return {name: _present(inner.get(name), value) for name, value in values.items()}
+        return {name: _upgrade_values(inner.get(name), value) for name, value in values.items()}
     of = [k for k in get_args(kind) if k not in (NoneType, Ellipsis, str)]
     if len(of) == 1 and isinstance(values, list):
-        return [_present(of[0], value) for value in values]
+        return [_upgrade_values(of[0], value) for value in values]
     if len(of) == 1 and get_origin(kind) is dict and isinstance(values, dict):
-        return {name: _present(of[0], value) for name, value in values.items()}
-    return _present(of[0], values) if len(of) == 1 and get_origin(kind) in (Union, UnionType) else values
+        return {name: _upgrade_values(of[0], value) for name, value in values.items()}
+    return (
+        _upgrade_values(of[0], values) if len(of) == 1 and get_origin(kind) in (Union, UnionType) else values
+    )
 
 
 @cache
-def _kinds(kind: Any) -> dict[str, Any]:
+def _entry_types(kind: Any) -> dict[str, Any]:
     """Types of the entries of a class, by their names in a file."""
     hints = get_type_hints(kind)
-    return {_entry(kind, n): hint for n, hint in hints.items() if get_origin(hint) is not ClassVar}
+    return {_file_key(kind, n): hint for n, hint in hints.items() if get_origin(hint) is not ClassVar}
 
 
-def _entry(kind: Any, name: str) -> str:
+def _file_key(kind: Any, name: str) -> str:
     """The name that a field has in files."""
     known = getattr(kind, "__pydantic_fields__", {})
     return (known[name].alias if name in known else None) or name
@@ -123,30 +128,32 @@ class Checked(ABCMeta):
         if not hasattr(cls, "__pydantic_fields__"):  # a dataclass of the standard library
             return super().__call__(*args, **given)
         try:
-            return super().__call__(*map(_own, args), **{name: _own(value) for name, value in given.items()})
+            return super().__call__(
+                *map(_python_number, args), **{name: _python_number(value) for name, value in given.items()}
+            )
         except ValidationError as error:
             names = [f.name for f in fields(cls) if f.init]  # type: ignore[arg-type]
             raise _input_error(error, cls, cls.__name__, ".", None, names) from None
         except InputError as error:  # of entries that do not fit together
-            error.code = _own_code(error, cls)
+            error.code = _inconsistency_code(error, cls)
             raise
 
 
-def _own(value: object) -> object:
+def _python_number(value: object) -> object:
     """A number of NumPy's as one of Python's."""
     return value.item() if isinstance(value, np.generic) else value
 
 
-def _code(kind: type) -> str:
+def _code_prefix(kind: type) -> str:
     """The beginning of the codes of a record's errors: the name of its format, or of its class."""
     if known := getattr(kind, "FORMAT", None):
         return str(known).removeprefix("eldir-").partition("/")[0]
     return re.sub(r"(?<!^)(?=[A-Z])", "-", kind.__name__).lower().removesuffix("-config")
 
 
-def _own_code(error: EldirError, kind: type) -> str:
+def _inconsistency_code(error: EldirError, kind: type) -> str:
     """The code of an error that a record raised: where that names no fault of its own, the record's."""
-    return f"{_code(kind)}.inconsistent" if error.code.partition(".")[0] == "input" else error.code
+    return f"{_code_prefix(kind)}.inconsistent" if error.code.partition(".")[0] == "input" else error.code
 
 
 def _input_error(
@@ -158,7 +165,7 @@ def _input_error(
     names: list[str] | None = None,
 ) -> InputError:
     """The first of pydantic's findings; `names` of the arguments that were given by position."""
-    code = _code(kind)
+    code = _code_prefix(kind)
     first = error.errors(include_url=False)[0]
     place = list(first["loc"])
     if names is not None and place and isinstance(place[0], int) and place[0] < len(names):
@@ -167,38 +174,47 @@ def _input_error(
     what = f"{where}{joint}{at}" if at else where
     match first["type"]:
         case "value_error":  # our own words, such as of entries that do not fit together
-            said = first["msg"].removeprefix("Value error, ")
-            return InputError(f"{what}: {said}", code=f"{code}.inconsistent", key=at or None, remedy=remedy)
+            reason = first["msg"].removeprefix("Value error, ")
+            return InputError(f"{what}: {reason}", code=f"{code}.inconsistent", key=at or None, remedy=remedy)
         case "unexpected_positional_argument":
             expected = ", ".join(names or [])
-            return InputError(f"{where} has fewer fields", code=f"{code}.unknown-key", expected=expected)
+            return InputError(
+                f"too many arguments for {where}", code=f"{code}.unknown-key", expected=expected
+            )
         case "multiple_argument_values":
-            problem = f"{what} is given by its place and by its name"
+            problem = f"{what} is given twice, by position and by name"
             return InputError(problem, code=f"{code}.inconsistent", key=at)
         case "missing" | "missing_argument":
             return InputError(f"{what} is missing", code=f"{code}.missing-key", key=at, remedy=remedy)
         case "extra_forbidden" | "unexpected_keyword_argument":
-            problem = f"{where}: no entry has the name {at}"
+            problem = f"{where}: unknown entry {at}"
             return InputError(problem, code=f"{code}.unknown-key", key=at, remedy=remedy)
     return InputError(
-        f"{what} is wrong" if at else f"{where}: the whole is wrong",
+        _invalid(where, joint, at),
         code=f"{code}.wrong-value",
         key=at or None,
-        expected=_expected(first["msg"]),
+        expected=_expected_text(first["msg"]),
         found=repr(first.get("ctx", {}).get("actual_length", first["input"]))[:60],
         remedy=remedy,
     )
 
 
-def _written(value: object) -> str:
+def _invalid(where: str, joint: str, at: str) -> str:
+    """The first words of the error for an invalid entry of a file or an invalid argument."""
+    if not at:
+        return f"{where}: invalid contents"
+    return f"invalid {where}.{at}" if joint == "." else f"{where}{joint}invalid {at}"
+
+
+def _date_text(value: object) -> str:
     """A date, which YAML has without quotes."""
     if isinstance(value, date):
         return value.isoformat()
-    raise TypeError(f"{value!r} is no plain value")
+    raise TypeError(f"{value!r} is not a plain value")
 
 
-def _expected(message: str) -> str:
-    """What pydantic expects, in our words."""
+def _expected_text(message: str) -> str:
+    """What pydantic expects, in plain English."""
     wanted = re.sub("^[A-Z][a-z]+ should (be|have|match) |, not [0-9]+$| after validation", "", message)
     return "named entries" if "dictionary" in wanted or "object" in wanted else wanted
 
@@ -219,8 +235,8 @@ class Plain:
 
     @classmethod
     def from_json(cls, values: dict[str, Any]) -> Self:
-        """The inverse of `to_json`, for older files too. Raises `InputError` for what is wrong."""
-        return validated(cls, values, cls.__name__)
+        """The inverse of `to_json`, for older files too. Raises `InputError` for an invalid value."""
+        return validate(cls, values, cls.__name__)
 
     @classmethod
     def upgrade(cls, values: dict[str, Any]) -> dict[str, Any]:
@@ -235,7 +251,7 @@ class Plain:
         resolved["description"] = " ".join((inspect.getdoc(cls) or "").split())
         entries = resolved["properties"]
         for name, text in field_texts(cls).items():
-            if (entry := _entry(cls, name)) in entries:
+            if (entry := _file_key(cls, name)) in entries:
                 entries[entry]["description"] = text
         if cls.OPTIONAL is not None:
             resolved["required"] = [name for name in entries if name not in cls.OPTIONAL]

@@ -31,7 +31,7 @@ class WorkerProcess:
         self._environment = {**os.environ, **(environment or {})}
 
     def __enter__(self) -> WorkerProcess:
-        call = [sys.executable, "-c", f"from {__name__} import _serve; _serve({self._module!r})"]
+        call = [sys.executable, "-c", f"from {__name__} import _run_worker; _run_worker({self._module!r})"]
         self._child = subprocess.Popen(
             call, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=self._environment
         )
@@ -62,17 +62,17 @@ class WorkerProcess:
             raise EldirError(
                 f"the process that computes in {self._module} died",
                 found=f"exit status {self._child.wait()}",
-                remedy="is there memory left?",
+                remedy="check the free memory",
             ) from None
         if not good:
             raise value
         return value
 
 
-def _serve(module: str) -> None:
-    """Runs in the worker: receives calls and sends their results, until nobody asks any more."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends Ctrl-C here too; who asked decides
-    answer = os.fdopen(os.dup(1), "wb")
+def _run_worker(module: str) -> None:
+    """Runs in the worker: receives calls and sends their results, until its input ends."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends Ctrl-C here too; the caller decides
+    output = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # whatever is printed must not get into the answer
     program_log.configure("worker")
     failed: BaseException | None = None
@@ -83,16 +83,16 @@ def _serve(module: str) -> None:
     while True:
         try:
             function, arguments = pickle.load(sys.stdin.buffer)
-        except EOFError:  # nobody asks any more
+        except EOFError:
             return
         except BaseException as error:
-            said = (False, error)
+            answer = (False, error)
         else:
             try:
                 if failed is not None:
                     raise failed
-                said = (True, function(*arguments))
+                answer = (True, function(*arguments))
             except BaseException as error:
-                said = (False, error)
-        pickle.dump(said, answer, protocol=5)
-        answer.flush()
+                answer = (False, error)
+        pickle.dump(answer, output, protocol=5)
+        output.flush()

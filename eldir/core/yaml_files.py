@@ -11,15 +11,14 @@ from typing import Any
 
 import yaml
 
-from eldir.core.files import read_file
-from eldir.core.json_text import too_large
+from eldir.core.files import read_file, too_large_error
 from eldir.errors import InputError, damaged
 
-LARGEST = 64 << 10
+MAX_YAML_BYTES = 64 << 10
 """Largest YAML file [bytes]; a rig file has about two thousand."""
-_DEEPEST = 16
-_MOST_VALUES = 2000
-_LONGEST_NUMBER = 30  # characters
+_MAX_DEPTH = 16
+_MAX_VALUES = 2000
+_MAX_DIGITS = 30  # characters
 _NAME = re.compile(r"\w{1,40}")
 _WHOLE = re.compile(r"[-+]?(0|[1-9][0-9]*)")
 
@@ -27,17 +26,17 @@ _WHOLE = re.compile(r"[-+]?(0|[1-9][0-9]*)")
 def read_yaml(path: Path, remedy: str = "check the path") -> Any:
     """Contents of a YAML file, without a check of their values; `remedy` goes into the error for a missing
     file."""
-    return parse_yaml(read_file(path, LARGEST, remedy), str(path))
+    return parse_yaml(read_file(path, MAX_YAML_BYTES, remedy), str(path))
 
 
 def parse_yaml(data: bytes, where: str) -> Any:
     """The values in a YAML text; `where` names it in an error.
 
-    Raises `InputError` for what is no YAML, for aliases, a name that is there twice, numbers that are not
-    finite, and more bytes, levels or values than a file of this program has.
+    Raises `InputError` for text that is not YAML, for aliases, duplicate names, numbers that are not finite,
+    and more bytes, levels or values than a file of this program has.
     """
-    if len(data) > LARGEST:
-        raise too_large(where, LARGEST)
+    if len(data) > MAX_YAML_BYTES:
+        raise too_large_error(where, MAX_YAML_BYTES)
     return _parse(data, where, _require_plain, _PlainLoader)
 
 
@@ -106,9 +105,9 @@ def _parse(
 
 
 def _problem(error: Exception) -> str:
-    """What is wrong and where, without an excerpt of the file."""
+    """The problem and its place, without an excerpt of the file."""
     if isinstance(error, UnicodeDecodeError):
-        return "bytes that are no text"
+        return "bytes that are not UTF-8 text"
     place = getattr(error, "problem_mark", None)
     if not isinstance(error, yaml.MarkedYAMLError) or place is None:
         return " ".join(str(error).split())[:200]
@@ -125,10 +124,10 @@ def _require_plain(text: str) -> None:
             count += 1
             if event.anchor is not None:
                 raise _refused("anchors and aliases are not allowed", event)
-            if depth == _DEEPEST:
-                raise _refused(f"more than {_DEEPEST} levels", event)
-            if count > _MOST_VALUES:
-                raise _refused(f"more than {_MOST_VALUES} values", event)
+            if depth == _MAX_DEPTH:
+                raise _refused(f"more than {_MAX_DEPTH} levels", event)
+            if count > _MAX_VALUES:
+                raise _refused(f"more than {_MAX_VALUES} values", event)
             depth += isinstance(event, yaml.CollectionStartEvent)
 
 
@@ -143,28 +142,28 @@ class _Dumper(yaml.SafeDumper):
 
 
 class _PlainLoader(_SafeLoader):
-    """Numbers are plain decimal ones, and no name is there twice."""
+    """Accepts plain decimal numbers only, and refuses duplicate names."""
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
         names = [key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
         for i, name in enumerate(names):
             if name in names[:i]:
-                shown = repr(name) if _NAME.fullmatch(name) else "a name"  # which may be a secret
-                raise _refused(f"{shown} is there twice", node)
+                shown = f" {name!r}" if _NAME.fullmatch(name) else ""  # a longer one may be a secret
+                raise _refused(f"duplicate name{shown}", node)
         return super().construct_mapping(node, deep)
 
     def construct_yaml_int(self, node: Any) -> int:
-        if len(node.value) > _LONGEST_NUMBER:
+        if len(node.value) > _MAX_DIGITS:
             raise _refused("a number is too long", node)
         if not _WHOLE.fullmatch(node.value):  # YAML reads 010 as 8, and 1:30 as 90
-            raise _refused(f"{node.value!r} is no plain decimal number", node)
+            raise _refused(f"{node.value!r} is not a plain decimal number", node)
         return int(node.value)
 
     def construct_yaml_float(self, node: Any) -> float:
-        if len(node.value) > _LONGEST_NUMBER or not isfinite(value := super().construct_yaml_float(node)):
-            raise _refused(f"{node.value[:_LONGEST_NUMBER]!r} is not a finite number", node)
+        if len(node.value) > _MAX_DIGITS or not isfinite(value := super().construct_yaml_float(node)):
+            raise _refused(f"{node.value[:_MAX_DIGITS]!r} is not a finite number", node)
         if set(node.value) & set(":_"):
-            raise _refused(f"{node.value!r} is no plain decimal number", node)
+            raise _refused(f"{node.value!r} is not a plain decimal number", node)
         return float(value)
 
 

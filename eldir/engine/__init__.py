@@ -1,4 +1,4 @@
-"""The simulation engine's host side: it packs robots into arrays, launches compiled kernels, unpacks results.
+"""The simulation engine's host side: packs robots into arrays, launches compiled kernels, unpacks results.
 
 Not here: compiled code (`kernels`, `built`) and the description of what is simulated (`eldir.scene`,
 `eldir.morphology`, `eldir.built`).

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from eldir.controller import Controller
 from eldir.core.records import FloatArray
-from eldir.engine.aligned import aligned
+from eldir.engine.compiler import aligned
 from eldir.engine.device import records as device
 from eldir.engine.device.process import compute as compute_on_device
 from eldir.engine.device.process import learns_on_device
@@ -24,27 +24,36 @@ from eldir.engine.kernels.learning_launch import (
     LearningLaunch,
     RobotArrays,
     RunSettings,
-    SceneNumbers,
+    SceneConstants,
     UpdateRule,
     ValuesAndLanes,
     WeightViews,
     WorkspaceViews,
 )
-from eldir.engine.pack import ORIGIN, Batch, dtype, pack, pack_cpgs, packed
-from eldir.engine.physical import pack_cotangents, physics_gradients
-from eldir.engine.runtime import prefer, start
+from eldir.engine.pack import (
+    ORIGIN,
+    Batch,
+    dtype,
+    pack,
+    pack_cotangents,
+    pack_cpgs,
+    packed,
+    physics_gradients,
+)
+from eldir.engine.runtime import set_compile_options, start
 from eldir.engine.shortcuts import ALL, RING, Shortcuts
 from eldir.engine.threads import worker_threads
 from eldir.errors import InputError
 from eldir.morphology import Morphology, offsets
-from eldir.physics import Physics, physics_of
+from eldir.physics import Physics, resolve_physics
 from eldir.scene import SOFTENING, Scene
 
-# Constants of the scheme (docs/decisions/0001): the least speed of a landing [m/s] over the step, 1e-4 at the
-# released code's 4 ms (a constant would let resting masses slide where gravity gives less in a step); what
-# keeps speeds from dividing by zero [m/s], and the same for the gradient's norm.
-_RESTING, _TINY, _LEAST_GRADIENT = 0.025, 1e-10, 1e-6
-_SENSE = 0.05
+_MIN_LANDING_SPEED = 0.025
+"""Least speed of a landing over the step [m/s2]: 1e-4 m/s at the released code's 4 ms. A constant would let
+resting masses slide where gravity gives less in a step (docs/decisions/0001, as the next two)."""
+_EPSILON, _MIN_GRADIENT = 1e-10, 1e-6
+"""What keeps distances [m], speeds [m/s] and the gradient's norm from dividing by zero."""
+_SENSING_SCALE = 0.05
 _RELEASED_BIAS_GAIN = 3.0  # two constant inputs beside the bias move it by three gradients
 _INDEX_LIMIT = 2**31  # the kernel counts in 32 bits
 
@@ -55,9 +64,9 @@ class BatchResult:
 
     batch: Batch
     losses: NDArray[np.float64]
-    """Losses [m], shape (n, iterations + 1); infinite from the update at which a robot blew up."""
+    """Losses [m], shape (n, iterations + 1); infinite from the update at which a robot diverged."""
     status: NDArray[np.int32]
-    """-1, or the step at which the robot blew up."""
+    """-1, or the step at which the robot diverged."""
     best: NDArray
     """Best weights or, without iterations, gradients; in the layout of the batch's weights."""
     record: NDArray
@@ -86,32 +95,37 @@ class BatchResult:
         return self.batch.start[cells].reshape(2, -1)[:, self.batch.grids[r].cell].T + ORIGIN
 
 
+@dataclass(frozen=True)
+class BatchConfig:
+    """What is computed of a batch."""
+
+    iterations: int = 0
+    """Number of updates of the controllers."""
+    backward: bool = False
+    """Whether controllers are differentiated and, with `iterations`, trained."""
+    physics_gradients: bool = False
+    """Whether the loss is differentiated with respect to physics too."""
+    record: bool = False
+    """Whether states are recorded."""
+    shortcuts: Shortcuts = ALL
+    update_length: float = 0.0
+    """Length of an update in the space of all weights."""
+
+
 def run_batch(
     morphologies: Sequence[Morphology],
     controllers: Sequence[Controller],
     scene: Scene,
     physics: Sequence[Physics] | None = None,
-    *,
-    iterations: int = 0,
-    backward: bool = False,
-    physical: bool = False,
+    config: BatchConfig = BatchConfig(),
     cotangents: Sequence[FloatArray] | None = None,
-    record: bool = False,
-    shortcuts: Shortcuts = ALL,
-    update_length: float = 0.0,
 ) -> BatchResult:
-    """Simulate all robots; with `backward`, differentiate and, with `iterations`, teach them by updates of
-    `update_length`.
+    """Simulate all robots and, as configured, differentiate or train them.
 
-    With `physical`, differentiate with respect to physics too. With `cotangents`, (T + 1, M, 2) for each
-    robot, differentiate the sum of the positions times them instead of the loss.
+    With `cotangents`, (T + 1, M, 2) for each robot, differentiate the sum of the positions times them instead
+    of the loss.
     """
-    task = prepare(
-        morphologies, controllers, scene, physics,
-        iterations=iterations, backward=backward, physical=physical, cotangents=cotangents, record=record,
-        shortcuts=shortcuts, update_length=update_length,
-    )  # fmt: skip
-    return task()
+    return prepare(morphologies, controllers, scene, physics, config, cotangents)()
 
 
 def prepare(
@@ -119,123 +133,142 @@ def prepare(
     controllers: Sequence[Controller],
     scene: Scene,
     physics: Sequence[Physics] | None = None,
-    *,
-    iterations: int,
-    backward: bool,
-    physical: bool = False,
+    config: BatchConfig = BatchConfig(),
     cotangents: Sequence[FloatArray] | None = None,
-    record: bool,
-    shortcuts: Shortcuts,
-    update_length: float = 0.0,
 ) -> Callable[[], BatchResult]:
     """Packs everything and returns the function that computes. Its second call starts from the weights that
     the first call learned."""
-    real, robots = dtype(scene), len(morphologies)
-    owns = list(physics) if physics is not None else physics_of(morphologies, scene, None)
+    owns = list(physics) if physics is not None else resolve_physics(morphologies, scene, None)
     batch = pack(morphologies, controllers, scene, owns)
-    others = physical or cotangents is not None
-    if backward and learns_on_device(record, others, shortcuts == ALL):
-        task = device_task(batch, scene, iterations, update_length)
-        return lambda: _computed(batch, task)
+    other_gradients = config.physics_gradients or cotangents is not None
+    if config.backward and learns_on_device(config.record, other_gradients, config.shortcuts == ALL):
+        task = device_task(batch, scene, config.iterations, config.update_length)
+        return lambda: _compute_on_device(batch, task)
     start()
-    deaf = scene.sensing == "none"
-    ring = RING if shortcuts.no_history and not (backward or record) else 0
-    room = ring or scene.steps + 1
-    ends = np.array([layout.workspace_ends(n, room) for n in batch.sizes])
-    workspace = int(ends[:, -1].max())
-    workers = _workers(robots, workspace, scene)
-    memory = aligned(workspace * workers, real)
-    losses, status = aligned(robots * (iterations + 1), real), aligned(robots, np.int32)
-    best = aligned(len(batch.weights) if backward else 32, real)
-    record_at = offsets([n.recorded_rows * (scene.steps + 1) if record else 0 for n in batch.sizes])
-    slopes_at = offsets([n.slope_values if physical else 0 for n in batch.sizes])
-    slopes = aligned(max(int(slopes_at[-1]), 16), real)
-    wanted, wanted_at = pack_cotangents(cotangents, batch, scene)
-    states = aligned(16 * max(int(record_at[-1]), 1), real)
-    begins = (batch.cell_at, batch.mass_at, batch.motor_at, batch.weight_at, record_at, slopes_at, wanted_at)
-    places = np.stack([*batch.counts, *(at[:-1] for at in begins)], axis=1)
+    launch = _launch(batch, scene, config, cotangents)
     kernel = learning_kernel(scene.precision)
-    weights, views = batch.weights, (memory.reshape(-1, width) for width in (1, 2, 4, 16, 32))
-    launch = LearningLaunch(
-        robots=robots, workers=workers, workspace=workspace,
-        settings=RunSettings(
-            steps=scene.steps, window=scene.window or scene.steps, iterations=iterations,
-            backward=backward, recording=record,
-            contact=_contact(scene, shortcuts.no_contact and not physical),
-            staggered=scene.integrator == "second-order", physical=physical,
-            cotangents_given=cotangents is not None, states=room, ring=ring - 1,
-            listening=not (deaf and shortcuts.no_sensing), controlling=not shortcuts.no_controller,
-            stopping=shortcuts.stop,
-        ),
-        scene=_numbers(scene), rule=_rule(scene, update_length), ground=_ground(scene, shortcuts.grid),
-        cpgs=pack_cpgs(scene).reshape(-1, 16), queue=aligned(1, np.int32),
-        places=packed(places, np.int32), ends=packed(ends, np.int32), pieces=ends.shape[1],
-        arrays=RobotArrays(
-            own=batch.own, start=batch.start.reshape(-1, 16), reference=batch.reference.reshape(-1, 16),
-            velocity=batch.velocity.reshape(-1, 16), mask=_values_and_lanes(batch.mask),
-            cell=batch.cell, motor=batch.motor, rest_length=batch.rest_length.reshape(-1, 16),
-            stiffness_dt=batch.stiffness_dt.reshape(-1, 16),
-        ),
-        weights=WeightViews(weights, weights.reshape(-1, 16), weights.reshape(-1, 32)),
-        best=best.reshape(-1, 32), work=WorkspaceViews(memory, *views),
-        losses=losses, status=status, record=states.reshape(-1, 16), slopes=_values_and_lanes(slopes),
-        cotangents=wanted.reshape(-1, 16),
-    )  # fmt: skip
+    record_at = _record_offsets(batch, scene, config)
 
     def compute() -> BatchResult:
-        launch.queue[0], losses[:], slopes[:] = 0, np.inf, 0.0
-        prefer(scene.precision)
+        d_physics = launch.physics_gradients.values
+        launch.queue[0], launch.losses[:], d_physics[:] = 0, np.inf, 0.0
+        set_compile_options(scene.precision)
         kernel(launch)
-        values = losses.astype(np.float64).reshape(robots, iterations + 1)
-        found = physics_gradients(slopes, slopes_at, batch, scene, owns) if physical else []
+        losses = launch.losses.astype(np.float64).reshape(len(owns), config.iterations + 1)
+        gradients = physics_gradients(d_physics, batch, scene, owns) if config.physics_gradients else []
         staggered = scene.integrator == "second-order"
-        return BatchResult(batch, values, status, best, states, record_at, staggered, found)
+        return BatchResult(
+            batch, losses, launch.status, launch.best.ravel(), launch.record.ravel(), record_at, staggered,
+            gradients,
+        )  # fmt: skip
 
     return compute
 
 
-def device_task(batch: Batch, scene: Scene, iterations: int, update_length: float) -> device.Task:
+def _launch(
+    batch: Batch, scene: Scene, config: BatchConfig, cotangents: Sequence[FloatArray] | None
+) -> LearningLaunch:
+    """The kernel's arguments, with room for its results."""
+    real, robots = dtype(scene), len(batch.sizes)
+    ring = RING if config.shortcuts.no_history and not (config.backward or config.record) else 0
+    states = ring or scene.steps + 1
+    workspace_offsets = np.array([layout.workspace_offsets(n, states) for n in batch.sizes])
+    workspace = int(workspace_offsets[:, -1].max())
+    workers = _workers(robots, workspace, scene)
+    memory = aligned(workspace * workers, real)
+    record_at = _record_offsets(batch, scene, config)
+    physics_at = batch.physics_offsets(config.physics_gradients)
+    packed_cotangents, cotangents_at = pack_cotangents(cotangents, batch, scene)
+    begins = (
+        batch.cell_at, batch.mass_at, batch.motor_at, batch.weight_at, record_at, physics_at, cotangents_at,
+    )  # fmt: skip
+    offsets_by_robot = np.stack([*batch.counts, *(at[:-1] for at in begins)], axis=1)
+    weights = batch.weights
+    return LearningLaunch(
+        robots=robots, workers=workers, workspace=workspace,
+        settings=_settings(scene, config, cotangents is not None, states, ring),
+        scene=_scene_constants(scene), rule=_update_rule(scene, config.update_length),
+        ground=_ground(scene, config.shortcuts.grid), cpgs=pack_cpgs(scene).reshape(-1, 16),
+        queue=aligned(1, np.int32), offsets=packed(offsets_by_robot, np.int32),
+        workspace_offsets=packed(workspace_offsets, np.int32), blocks=workspace_offsets.shape[1],
+        arrays=RobotArrays(
+            scalars=batch.scalars, start=batch.start.reshape(-1, 16),
+            reference=batch.reference.reshape(-1, 16), velocity=batch.velocity.reshape(-1, 16),
+            mask=_values_and_lanes(batch.mask), cell=batch.cell, motor=batch.motor,
+            rest_length=batch.rest_length.reshape(-1, 16), stiffness_dt=batch.stiffness_dt.reshape(-1, 16),
+        ),
+        weights=WeightViews(weights, weights.reshape(-1, 16), weights.reshape(-1, 32)),
+        best=aligned(len(weights) if config.backward else 32, real).reshape(-1, 32),
+        work=WorkspaceViews(memory, *(memory.reshape(-1, width) for width in (1, 2, 4, 16, 32))),
+        losses=aligned(robots * (config.iterations + 1), real), status=aligned(robots, np.int32),
+        record=aligned(16 * max(int(record_at[-1]), 1), real).reshape(-1, 16),
+        physics_gradients=_values_and_lanes(aligned(max(int(physics_at[-1]), 16), real)),
+        cotangents=packed_cotangents.reshape(-1, 16),
+    )  # fmt: skip
+
+
+def _record_offsets(batch: Batch, scene: Scene, config: BatchConfig) -> NDArray[np.int32]:
+    """Offsets of each robot's recorded states, in rows of 16 values."""
+    states = scene.steps + 1 if config.record else 0
+    return offsets([n.recorded_rows * states for n in batch.sizes])
+
+
+def _settings(scene: Scene, config: BatchConfig, cotangents: bool, states: int, ring: int) -> RunSettings:
+    shortcuts = config.shortcuts
+    return RunSettings(
+        steps=scene.steps, window=scene.window or scene.steps, iterations=config.iterations,
+        backward=config.backward, record=config.record,
+        contact=_contact_model(scene, shortcuts.no_contact and not config.physics_gradients),
+        staggered=scene.integrator == "second-order", physics_gradients=config.physics_gradients,
+        cotangents_given=cotangents, states=states, ring=ring - 1,
+        closed_loop=not (scene.sensing == "none" and shortcuts.no_sensing),
+        control_passive=not shortcuts.no_controller, stop_on_divergence=shortcuts.stop,
+    )  # fmt: skip
+
+
+def device_task(batch: Batch, scene: Scene, iterations: int, update_length: float) -> device.DeviceTask:
     """What a device computes of a batch: gradients or, with `iterations`, updates of `update_length`."""
     settings = device.DeviceSettings(
         steps=scene.steps, first=0, end=scene.steps, window=scene.window or scene.steps, iteration=0,
-        iterations=iterations, contact=_contact(scene, True),
-        staggered=scene.integrator == "second-order", physical=False,
-        listening=scene.sensing != "none", controlling=False, stopping=True,
+        iterations=iterations, contact=_contact_model(scene, True),
+        staggered=scene.integrator == "second-order", physics_gradients=False,
+        closed_loop=scene.sensing != "none", control_passive=False, stop_on_divergence=True,
     )  # fmt: skip
     b = batch
     arrays = device.DeviceArrays(
-        b.own, b.start, b.reference, b.velocity, b.mask, b.cell, b.motor, b.rest_length, b.stiffness_dt
+        b.scalars, b.start, b.reference, b.velocity, b.mask, b.cell, b.motor, b.rest_length, b.stiffness_dt
     )
     starts = (b.cell_at, b.mass_at, b.motor_at, b.weight_at)
-    return device.Task(
-        scene.precision, settings, _numbers(scene), _rule(scene, update_length), _ground(scene, True),
-        pack_cpgs(scene), np.stack(b.counts, axis=1), np.stack([at[:-1] for at in starts], axis=1), arrays,
-        b.weights,
+    return device.DeviceTask(
+        scene.precision, settings, _scene_constants(scene), _update_rule(scene, update_length),
+        _ground(scene, True), pack_cpgs(scene), np.stack(b.counts, axis=1),
+        np.stack([at[:-1] for at in starts], axis=1), arrays, b.weights,
     )  # fmt: skip
 
 
-def _numbers(scene: Scene) -> SceneNumbers:
-    return SceneNumbers(
-        dt=scene.dt, actuation=scene.actuation, sense=0.0 if scene.sensing == "none" else _SENSE,
-        softening=SOFTENING, resting=_RESTING * scene.dt, tiny=_TINY,
+def _scene_constants(scene: Scene) -> SceneConstants:
+    return SceneConstants(
+        dt=scene.dt, actuation=scene.actuation,
+        sensing_scale=0.0 if scene.sensing == "none" else _SENSING_SCALE,
+        softening=SOFTENING, min_landing_speed=_MIN_LANDING_SPEED * scene.dt, epsilon=_EPSILON,
     )  # fmt: skip
 
 
-def _rule(scene: Scene, length: float) -> UpdateRule:
+def _update_rule(scene: Scene, length: float) -> UpdateRule:
     gain = _RELEASED_BIAS_GAIN if scene.weights == "released" else 1.0
-    return UpdateRule(length=length, bias_gain=gain, least_gradient=_LEAST_GRADIENT)
+    return UpdateRule(length=length, bias_gain=gain, min_gradient=_MIN_GRADIENT)
 
 
 def _ground(scene: Scene, grid: bool) -> GroundArrays:
     ground = pack_ground(scene, grid)
     return GroundArrays(
-        level=-contact.FAR if scene.contact == "none" else ground.level, top=ground.top,
-        segments=ground.segments, grid_from=ground.grid_from, cells_per_m=ground.cells_per_m,
-        cell_segment=ground.cell_segment, last=len(ground.segments) // contact.SEGMENT - 1,
+        level=-contact.INFINITY if scene.contact == "none" else ground.level, max_height=ground.max_height,
+        segments=ground.segments, grid_start=ground.grid_start, cells_per_m=ground.cells_per_m,
+        cell_segment=ground.cell_segment, last_segment=len(ground.segments) // contact.SEGMENT_VALUES - 1,
     )  # fmt: skip
 
 
-def _computed(batch: Batch, task: device.Task) -> BatchResult:
+def _compute_on_device(batch: Batch, task: device.DeviceTask) -> BatchResult:
     losses, status, best = compute_on_device(task)
     nothing = aligned(0, task.weights.dtype)
     nowhere = np.zeros(len(status) + 1, np.int32)
@@ -246,11 +279,11 @@ def _values_and_lanes(array: NDArray[Any]) -> ValuesAndLanes:
     return ValuesAndLanes(array, array.reshape(-1, 16))
 
 
-def _contact(scene: Scene, without: bool) -> int:
+def _contact_model(scene: Scene, skip_free_flight: bool) -> int:
     """Gradients of physics have no kernel of their own for free flight: it would take as long to compile as
     thousands of rollouts, and ground that nothing reaches does the same."""
     if scene.contact == "none":
-        return contact.NO_CONTACT if without else contact.NO_SLIP
+        return contact.NO_CONTACT if skip_free_flight else contact.NO_SLIP
     return contact.NO_SLIP if scene.contact == "no-slip" else contact.FRICTION
 
 

@@ -1,4 +1,5 @@
-"""The compiler of all kernels, loaded without its greeting. Only this module may import one.
+"""The compiler of all kernels, loaded without its greeting, and arrays as its vectors need them. Only this
+module may import a compiler.
 
 The same kernels are compiled by Taichi and by Quadrants: `eldir.core.kernels` chooses.
 """
@@ -12,15 +13,28 @@ from importlib import import_module
 from types import CodeType, FunctionType
 from typing import Any
 
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
 from eldir.core.kernels import compiler_name
 from eldir.errors import MissingDependencyError
 
 NAME = compiler_name()
 """taichi | quadrants"""
+ALIGNMENT = 128
+"""Alignment of arrays [bytes]: the compilers load whole vectors and crash on anything less aligned."""
 
 
-def _read_once(reader: Any) -> None:
-    """The compilers search a function's lines in its file each time that it is called in a kernel."""
+def aligned(size: int, dtype: DTypeLike) -> NDArray[Any]:
+    """Zeros, shape (size,), at an address from which vectors can be loaded."""
+    kind = np.dtype(dtype)
+    raw = np.zeros(size * kind.itemsize + ALIGNMENT, np.uint8)
+    first = -raw.ctypes.data % ALIGNMENT
+    return raw[first : first + size * kind.itemsize].view(kind)
+
+
+def _cache_source_lines(reader: Any) -> None:
+    """The compilers read a function's source from its file each time that a kernel calls it: read it once."""
     lines = reader.getsourcelines
 
     @cache
@@ -34,9 +48,9 @@ def _read_once(reader: Any) -> None:
     reader.getsourcelines = getsourcelines
 
 
-def _word_briefly(context: Any, name: str) -> None:
-    """For each expression the compilers write down where it stands, in case of an error, and wrap these lines
-    to 80 columns. That takes half of Taichi's time for its tree. The lines here are not wrapped."""
+def _shorten_positions(context: Any, name: str) -> None:
+    """The compilers note the source position of each expression for their error messages, wrapped to 80
+    columns. The wrapping takes half of the time in which Taichi builds its tree. It is left out here."""
 
     def place(self: Any, node: Any) -> str:
         line = self.src[node.lineno - 1].rstrip()
@@ -46,6 +60,12 @@ def _word_briefly(context: Any, name: str) -> None:
         return f"{where}:\n{line}\n{' ' * begin}{'^' * (end - begin)}\n"
 
     setattr(context, name, place)
+
+
+def _skip_class_search(kernels: Any) -> None:
+    """For each decorated function the compilers search all modules for the source of a class around it. The
+    engine's functions are in none."""
+    kernels._inside_class = lambda level_of_class_stackframe: False
 
 
 os.environ["ENABLE_TAICHI_HEADER_PRINT"] = "0"  # they print their versions when imported
@@ -58,15 +78,16 @@ try:
         _impl = import_module(f"{NAME}.lang.impl")
         expr_init, subscript = _impl.expr_init, _impl.subscript
     _contexts = import_module(f"{NAME}.lang.ast.ast_transformer_utils")
+    _skip_class_search(import_module(f"{NAME}.lang.kernel_impl"))
     if NAME == "taichi":
-        _read_once(import_module("taichi.lang.kernel_impl"))
-        _word_briefly(_contexts.ASTTransformerContext, "get_pos_info")
+        _cache_source_lines(import_module("taichi.lang.kernel_impl"))
+        _shorten_positions(_contexts.ASTTransformerContext, "get_pos_info")
     else:
-        _read_once(import_module("quadrants.lang._wrap_inspect"))
-        _word_briefly(_contexts.ASTTransformerFuncContext, "_build_pos_info")
+        _cache_source_lines(import_module("quadrants.lang._wrap_inspect"))
+        _shorten_positions(_contexts.ASTTransformerFuncContext, "_build_pos_info")
 except ImportError as error:
     raise MissingDependencyError(
         f"{NAME} cannot be loaded", found=str(error), remedy=f"install it again: pip install --force {NAME}"
     ) from None
 
-__all__ = ["NAME", "Expr", "expr_init", "subscript", "ti"]
+__all__ = ["ALIGNMENT", "NAME", "Expr", "aligned", "expr_init", "subscript", "ti"]

@@ -18,10 +18,12 @@ from eldir.errors import InputError
 from eldir.morphology import Bodies, Morphology, offsets
 
 FAMILIES = 3
-_REACHES = 8  # that are tried at a time
+_REACHES = 8  # tried at a time
 
 
 class Grid(NamedTuple):
+    """A body's cells."""
+
     reach: int
     """k: the other end of a spring of family 0, 1 or 2 is 1, k or k + 1 cells further on."""
     cell_count: int
@@ -35,7 +37,7 @@ class Grid(NamedTuple):
 
 
 def place_on_grid(body: Morphology) -> Grid:
-    """The densest grid; refuses springs that do not join neighbours of a lattice."""
+    """The densest grid. Raises `InputError` for springs that do not join neighbours of a lattice."""
     return place_on_grids(Bodies([body]))[0]
 
 
@@ -58,7 +60,7 @@ def place_on_grids(bodies: Bodies) -> list[Grid]:
             found=f"spring {s - bodies.spring_at[bodies.of_spring[s]]} between vertices {one} and {other}",
             remedy="create bodies with eldir.morphology.develop",
         )
-    reach = _least_reach(bodies, u, y)
+    reach = _min_reach(bodies, u, y)
     cell = u + (reach[bodies.of_mass] + 1) * y
     cell = (cell - bodies.least(cell)).astype(np.int32)
     first = np.where(downward, cell[b], cell[a]).astype(np.int32)
@@ -70,7 +72,7 @@ def place_on_grids(bodies: Bodies) -> list[Grid]:
     ]
 
 
-def _least_reach(bodies: Bodies, u: IntArray, y: IntArray) -> IntArray:
+def _min_reach(bodies: Bodies, u: IntArray, y: IntArray) -> IntArray:
     """The least reach of each body that gives every mass a cell of its own."""
     u, y, sizes = u - bodies.least(u), y - bodies.least(y), np.diff(bodies.mass_at)
     width, height = (np.maximum.reduceat(c, bodies.mass_at[:-1]) for c in (u, y))

@@ -8,24 +8,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eldir.core.records import FloatArray
-from eldir.engine.kernels.contact import FAR
+from eldir.engine.kernels.contact import INFINITY
 from eldir.engine.pack import ORIGIN, dtype, packed
 from eldir.scene import Scene
 from eldir.terrain import GROUND
 
 _CELL = 0.01  # width of a cell [m]; a rugged segment is 0.02 to 0.07 m long
-_MOST_CELLS = 4096
+_MAX_CELLS = 4096
 
 
 @dataclass
 class PackedGround:
     level: float
     """Height at the start of the ground [m]; for flat ground, everywhere."""
-    top: float
+    max_height: float
     """No ground is higher [m]."""
     segments: NDArray
     """x0, end, slope, intercept, level and normal of each."""
-    grid_from: float
+    grid_start: float
     """Start of the second cell [m]; the first and the last cell extend to infinity."""
     cells_per_m: float
     cell_segment: NDArray[np.int32]
@@ -37,26 +37,26 @@ def pack_ground(scene: Scene, grid: bool) -> PackedGround:
     grid there is one cell, and masses remember nothing: they search all segments at every step."""
     rows, real = _segments(scene), dtype(scene)
     x0 = rows[:, 0]
-    ends = np.append(x0[1:], FAR) if grid else np.full(len(x0), -FAR)
+    ends = np.append(x0[1:], INFINITY) if grid else np.full(len(x0), -INFINITY)
     left, right = x0[min(1, len(x0) - 1)], x0[-1]
-    width = max(_CELL, (right - left) / _MOST_CELLS)
+    width = max(_CELL, (right - left) / _MAX_CELLS)
     edges = left + width * np.arange(int(np.ceil((right - left) / width)) + 1) if grid else np.zeros(0)
-    lower = np.append(-FAR, edges - width / 2)
+    lower = np.append(-INFINITY, edges - width / 2)
     first = np.maximum(np.searchsorted(x0, lower, side="right") - 1, 0)
     slope = rows[:, 1]
     normal = np.stack([-slope, np.ones(len(slope))], axis=1) / np.sqrt(1 + slope**2)[:, None]
-    lines = np.column_stack([np.append(-FAR, x0[1:]), ends, rows[:, 1:], normal])
+    lines = np.column_stack([np.append(-INFINITY, x0[1:]), ends, rows[:, 1:], normal])
     return PackedGround(
-        float(rows[0, 3]), _top(rows) if grid else FAR, packed(lines, real), float(left), 1.0 / width,
-        packed(first, np.int32),
+        float(rows[0, 3]), _max_height(rows) if grid else INFINITY, packed(lines, real), float(left),
+        1.0 / width, packed(first, np.int32),
     )  # fmt: skip
 
 
-def _top(rows: FloatArray) -> float:
+def _max_height(rows: FloatArray) -> float:
     """Ground is highest where two segments meet, unless one rises for ever."""
     x0, slope, _, level = rows.T
     if slope[0] < 0 or slope[-1] > 0:
-        return FAR
+        return INFINITY
     ends = [level[[0, -1]], slope[1:] * x0[1:] + level[1:], slope[:-1] * x0[1:] + level[:-1]]
     return float(np.concatenate(ends).max()) + 1e-6
 
@@ -72,7 +72,7 @@ def _segments(scene: Scene) -> FloatArray:
     rows = np.stack([t.x0, t.slope, t.intercept, t.intercept], axis=1)
     if scene.contact == "friction-released":
         ahead = np.append(t.x0[1:], np.inf) > 0
-        rows = np.concatenate([[[-FAR, 0, 0, GROUND]], rows[ahead]])
+        rows = np.concatenate([[[-INFINITY, 0, 0, GROUND]], rows[ahead]])
         rows[1, 0] = 0.0
     x, y = ORIGIN
     rows[:, 2:] += rows[:, 1:2] * x - y

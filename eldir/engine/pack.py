@@ -1,4 +1,5 @@
-"""Robots as the kernel's flat arrays, and back. The arrays are ragged and padded only to whole vectors."""
+"""Robots, cotangents and gradients as the kernel's flat arrays, and back. The arrays are ragged and padded
+only to whole vectors."""
 
 from __future__ import annotations
 
@@ -10,7 +11,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from eldir.controller import CPGS, HIDDEN, Controller
 from eldir.core.records import FloatArray, IntArray
-from eldir.engine.aligned import aligned
+from eldir.engine.compiler import aligned
 from eldir.engine.grid import FAMILIES, Grid, place_on_grids
 from eldir.engine.kernels import layout
 from eldir.engine.threads import for_each
@@ -43,9 +44,13 @@ class Batch:
     velocity: NDArray
     rest_length: NDArray
     stiffness_dt: NDArray
-    own: NDArray
-    """`layout.OWN` scalars of each robot."""
+    scalars: NDArray
+    """`layout.SCALARS` numbers of each robot."""
     weights: NDArray
+
+    def physics_offsets(self, present: bool) -> NDArray[np.int32]:
+        """Offsets of each robot's gradients with respect to physics, if they are `present`."""
+        return offsets([n.physics_values if present else 0 for n in self.sizes])
 
     def controllers(self, weights: NDArray) -> list[Controller]:
         """The controllers that lie in `weights`, an array laid out as `self.weights`."""
@@ -75,28 +80,34 @@ def pack(
     physics: Sequence[Physics],
 ) -> Batch:
     """The robots, placed on the ground."""
-    real, bodies = dtype(scene), Bodies(morphologies)
+    bodies = Bodies(morphologies)
     grids = place_on_grids(bodies)
-    cell, family, first = (
-        np.concatenate([getattr(g, k) for g in grids]) for k in ("cell", "family", "first")
-    )
-    active = bodies["active"]
-    motor_count = np.bincount(bodies.of_spring[active], minlength=len(bodies))
-    sizes = layout.size(
-        np.diff(bodies.mass_at), motor_count, *(np.array([g[k] for g in grids]) for k in (1, 0))
-    )
+    motors = np.bincount(bodies.of_spring[bodies["active"]], minlength=len(bodies))
+    sizes = layout.size(np.diff(bodies.mass_at), motors, *(np.array([g[k] for g in grids]) for k in (1, 0)))
+    batch = _empty_batch(sizes, grids, dtype(scene))
+    _pack_masses(batch, sizes, bodies, scene, physics)
+    _pack_springs(batch, sizes, bodies, scene, physics)
+
+    def pack_weights(r: int) -> None:
+        brain, (cpgs, sensed, b1, w2, b2) = controllers[r], batch.parts(batch.weights, r)
+        cpgs[:], sensed[:] = brain.w1[:, :CPGS].T, brain.w1[:, CPGS:].T
+        b1[:], w2[:], b2[:] = brain.b1, brain.w2, brain.b2
+
+    for_each(pack_weights, len(bodies))
+    return batch
+
+
+def _empty_batch(sizes: layout.Size, grids: list[Grid], real: DTypeLike) -> Batch:
+    """Arrays of zeros; `sizes` holds an array for all robots in each field."""
     cell_at, mass_at, motor_at, weight_at = (
         offsets(n)
         for n in (sizes.cells, 2 * sizes.mass_pairs, sizes.padded_motors, HIDDEN * sizes.weight_rows)
     )
-    batch = Batch(
+    return Batch(
         [layout.Size(*n) for n in zip(*(n.tolist() for n in sizes), strict=True)],
         grids,
         [_int32(n) for n in (sizes.masses, sizes.motors, sizes.cells, sizes.reach)],
-        cell_at,
-        mass_at,
-        motor_at,
-        weight_at,
+        cell_at, mass_at, motor_at, weight_at,
         start=aligned(2 * cell_at[-1], real),
         reference=aligned(2 * cell_at[-1], real),
         velocity=aligned(2 * cell_at[-1], real),
@@ -105,10 +116,16 @@ def pack(
         motor=aligned(motor_at[-1], np.int32),
         rest_length=aligned(FAMILIES * cell_at[-1], real),
         stiffness_dt=aligned(FAMILIES * cell_at[-1], real),
-        own=aligned(layout.OWN * len(bodies), real),
+        scalars=aligned(layout.SCALARS * len(grids), real),
         weights=aligned(weight_at[-1], real),
-    )
-    plane = 2 * cell_at[bodies.of_mass] + cell
+    )  # fmt: skip
+
+
+def _pack_masses(
+    batch: Batch, sizes: layout.Size, bodies: Bodies, scene: Scene, physics: Sequence[Physics]
+) -> None:
+    cell = np.concatenate([g.cell for g in batch.grids])
+    plane = 2 * batch.cell_at[bodies.of_mass] + cell
     planes = np.stack([plane, plane + sizes.cells[bodies.of_mass]], axis=1)  # of x and of y
     x = place(bodies, scene) - ORIGIN
     batch.start[planes] = x
@@ -116,28 +133,26 @@ def pack(
         centre = np.stack([np.bincount(bodies.of_mass, c) for c in x.T], axis=1) / sizes.masses[:, None]
         batch.reference[planes] = x - centre[bodies.of_mass]
     batch.velocity[planes] = np.concatenate([own.velocities for own in physics])
-    batch.mask[cell_at[bodies.of_mass] + cell] = 1
-    nowhere = sizes.cells - 1
-    batch.cell[:] = np.repeat(nowhere, np.diff(mass_at))
-    batch.cell[_ranks(bodies.of_mass, bodies.mass_at, mass_at)] = cell
-    spring = family * sizes.cells[bodies.of_spring] + first
-    batch.motor[:] = np.repeat(nowhere, np.diff(motor_at))
-    batch.motor[_ranks(bodies.of_spring[active], offsets(sizes.motors), motor_at)] = spring[active]
-    spring += FAMILIES * cell_at[bodies.of_spring]
+    batch.mask[batch.cell_at[bodies.of_mass] + cell] = 1
+    batch.cell[:] = np.repeat(sizes.cells - 1, np.diff(batch.mass_at))  # the empty cell
+    batch.cell[_shifted_indices(bodies.of_mass, bodies.mass_at, batch.mass_at)] = cell
+
+
+def _pack_springs(
+    batch: Batch, sizes: layout.Size, bodies: Bodies, scene: Scene, physics: Sequence[Physics]
+) -> None:
+    family, first = (np.concatenate([getattr(g, k) for g in batch.grids]) for k in ("family", "first"))
+    spring, active = family * sizes.cells[bodies.of_spring] + first, bodies["active"]
+    batch.motor[:] = np.repeat(sizes.cells - 1, np.diff(batch.motor_at))
+    motors = _shifted_indices(bodies.of_spring[active], offsets(sizes.motors), batch.motor_at)
+    batch.motor[motors] = spring[active]
+    spring += FAMILIES * batch.cell_at[bodies.of_spring]
     schemes = {own.damping: scene.scheme_at(own.damping) for own in physics}
     force = np.array([schemes[own.damping].force for own in physics])
     batch.rest_length[spring] = np.concatenate([own.rest_lengths for own in physics])
     batch.stiffness_dt[spring] = np.concatenate([own.stiffness for own in physics]) * force[bodies.of_spring]
-    own_scalars = ((schemes[o.damping], o) for o in physics)
-    batch.own[:] = [v for s, o in own_scalars for v in (s.decay, o.gravity * s.gravity, o.friction)]
-
-    def place_weights(r: int) -> None:
-        brain, (cpgs, sensed, b1, w2, b2) = controllers[r], batch.parts(batch.weights, r)
-        cpgs[:], sensed[:] = brain.w1[:, :CPGS].T, brain.w1[:, CPGS:].T
-        b1[:], w2[:], b2[:] = brain.b1, brain.w2, brain.b2
-
-    for_each(place_weights, len(bodies))
-    return batch
+    scalars = ((schemes[o.damping], o) for o in physics)
+    batch.scalars[:] = [v for s, o in scalars for v in (s.decay, o.gravity * s.gravity, o.friction)]
 
 
 def place(bodies: Bodies, scene: Scene) -> FloatArray:
@@ -149,8 +164,8 @@ def place(bodies: Bodies, scene: Scene) -> FloatArray:
     return x
 
 
-def _ranks(owner: IntArray, before: IntArray, at: IntArray) -> IntArray:
-    """Places of masses or motors, counted from that of their robot's first, which is moved to `at`."""
+def _shifted_indices(owner: IntArray, before: IntArray, at: IntArray) -> IntArray:
+    """Indices of masses or motors where those of each robot, which began at `before`, begin at `at`."""
     return np.arange(len(owner)) + (at[:-1] - before[:-1])[owner]
 
 
@@ -162,6 +177,59 @@ def pack_cpgs(scene: Scene) -> NDArray:
     waves = np.zeros((scene.steps, layout.CPG_ROWS))
     waves[:, :CPGS] = np.sin(scene.omega * t + 2 * np.pi / CPGS * np.arange(CPGS))
     return packed(waves, dtype(scene))
+
+
+def pack_cotangents(
+    cotangents: Sequence[FloatArray] | None, batch: Batch, scene: Scene
+) -> tuple[NDArray, NDArray[np.int32]]:
+    """Cotangents in the kernel's layout, and where each robot's begin. `cotangents` are gradients with
+    respect to the positions of all states, (T + 1, M, 2) for each robot.
+
+    Where the kernel's positions are half a step ahead, a state's position is the mean of two of them.
+    """
+    if cotangents is None:
+        return aligned(layout.LANES, dtype(scene)), offsets([0] * len(batch.sizes))
+    at = offsets([2 * n.cells * (scene.steps + 1) for n in batch.sizes])
+    flat = aligned(int(at[-1]), dtype(scene))
+    for r, (given, n, grid) in enumerate(zip(cotangents, batch.sizes, batch.grids, strict=True)):
+        shifted = given.copy()
+        if scene.integrator == "second-order":
+            shifted[0] = 0  # where a robot begins depends on nothing
+            shifted[1:] *= 0.5
+            shifted[:-1] += shifted[1:]
+        states = flat[at[r] : at[r + 1]].reshape(scene.steps + 1, 2, n.cells)
+        states[:, :, grid.cell] = shifted.transpose(0, 2, 1)
+    return flat, at
+
+
+def physics_gradients(
+    values: NDArray, batch: Batch, scene: Scene, physics: Sequence[Physics]
+) -> list[Physics]:
+    """Gradients with respect to each robot's parameters, from those with respect to decay, gravity and
+    stiffness of one step (`layout.PhysicsGradients`)."""
+    gradients = []
+    at = batch.physics_offsets(True)
+    for first, n, grid, own in zip(at[:-1], batch.sizes, batch.grids, physics, strict=True):
+        own_values = values[first : first + n.physics_values].astype(np.float64)
+        counts = np.cumsum([FAMILIES * n.cells, FAMILIES * n.cells, 2 * n.cells])
+        stiffness, rest, velocity, scalars = np.split(own_values, counts)
+        decay, gravity, friction = (float(s) for s in scalars.reshape(3, -1).sum(axis=1))
+        spring = grid.family * n.cells + grid.first
+        by_stiffness = stiffness[spring]
+        scheme, d_scheme = scene.scheme_at(own.damping), scene.scheme_derivative(own.damping)
+        gradients.append(
+            Physics(
+                stiffness=scheme.force * by_stiffness,
+                rest_lengths=rest[spring],
+                velocities=velocity.reshape(2, -1)[:, grid.cell].T,
+                damping=d_scheme.decay * decay
+                + d_scheme.gravity * own.gravity * gravity
+                + d_scheme.force * float(own.stiffness @ by_stiffness),
+                gravity=scheme.gravity * gravity,
+                friction=friction,
+            )
+        )
+    return gradients
 
 
 def dtype(scene: Scene) -> DTypeLike:

@@ -1,13 +1,21 @@
-"""Work that the engine skips because it does not change the result. `eldir benchmark skips` switches each
-shortcut off to measure it."""
+"""Work that the engine skips because it does not change the result; equal robots, which are simulated once.
+
+`eldir benchmark skips` switches each shortcut off to measure it. Nothing heavy is imported.
+"""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, fields
+from hashlib import blake2b
+from typing import Any, NamedTuple
 
+import numpy as np
+
+from eldir.controller import Controller
 from eldir.morphology import Morphology
+from eldir.physics import Physics
 from eldir.scene import Scene
 
 RING = 4
@@ -29,20 +37,21 @@ class Shortcuts:
     grid: bool = True
     """A grid limits the search for the ground, and masses remember their segment."""
     stop: bool = True
-    """No steps after a robot has blown up."""
+    """No steps after a robot has diverged."""
 
 
 ALL = Shortcuts()
 
 
-class Skip(NamedTuple):
-    what: str
-    why: str
+class SkippedWork(NamedTuple):
+    work: str
+    """What is not computed."""
+    reason: str
 
 
 def explain_skips(
     morphologies: Sequence[Morphology], scene: Scene, backward: bool, record: bool
-) -> list[Skip]:
+) -> list[SkippedWork]:
     """The computations that are skipped in this run, and why; last those that depend on the course of the
     run."""
     passive = sum(body.motors == 0 for body in morphologies)
@@ -51,38 +60,72 @@ def explain_skips(
     skips = []
     if passive:
         skips.append(
-            Skip("controller, gradient and update", f"{passive} of {len(morphologies)} bodies have no motor")
+            SkippedWork(
+                "controller, gradient and update", f"{passive} of {len(morphologies)} bodies have no motor"
+            )
         )
     if silent:
-        skips.append(Skip("controller outputs", f"{silent} of {springs} springs are passive"))
+        skips.append(SkippedWork("controller outputs", f"{silent} of {springs} springs are passive"))
     if scene.sensing == "none":
         skips.append(
-            Skip(
+            SkippedWork(
                 "sensing, and its gradient", "open loop: the controller receives only its pattern generators"
             )
         )
     if not backward:
-        skips.append(Skip("reverse pass and weight gradients", "no gradient is needed"))
+        skips.append(SkippedWork("reverse pass and weight gradients", "no gradient is needed"))
         if not record:
             skips.append(
-                Skip(
+                SkippedWork(
                     f"history: {RING} states instead of {scene.steps + 1}",
                     "neither gradient nor record is needed",
                 )
             )
     if scene.contact == "none":
-        skips.append(Skip("contact", "free flight"))
+        skips.append(SkippedWork("contact", "free flight"))
     elif scene.contact == "no-slip":
-        skips.append(Skip("search for the ground", "level ground: heights are compared"))
+        skips.append(SkippedWork("search for the ground", "level ground: heights are compared"))
     else:
         segments = len(scene.terrain.x0)
         skips.append(
-            Skip("search for the ground", f"a grid gives the first candidate among {segments} segments")
+            SkippedWork(
+                "search for the ground", f"a grid gives the first candidate among {segments} segments"
+            )
         )
         skips.append(
-            Skip(
+            SkippedWork(
                 "search for masses over the same segment, or above all ground", "they remember their segment"
             )
         )
-    skips.append(Skip("steps after a robot has blown up", "its loss is already infinite"))
+    skips.append(SkippedWork("steps after a robot has diverged", "its loss is already infinite"))
     return skips
+
+
+def distinct(
+    morphologies: Sequence[Morphology],
+    controllers: Sequence[Controller | tuple[int, ...]],
+    physics: Sequence[Physics],
+) -> tuple[list[int], list[int]]:
+    """Indices of the first robot of each group of equal robots; and for every robot the index of its group.
+    A controller may be given by its seed."""
+    origins = [_digest(brain) if isinstance(brain, Controller) else brain for brain in controllers]
+    repeated = {origin for origin, count in Counter(origins).items() if count > 1}
+    first: list[int] = []
+    groups: dict[Any, int] = {}
+    group_of_robot = []
+    for i, (body, origin, own) in enumerate(zip(morphologies, origins, physics, strict=True)):
+        robot = (_digest(body), _digest(own), origin) if origin in repeated else origin
+        group = groups.setdefault(robot, len(first))
+        if group == len(first):
+            first.append(i)
+        group_of_robot.append(group)
+    return first, group_of_robot
+
+
+def _digest(record: Morphology | Controller | Physics) -> bytes:
+    digest = blake2b(digest_size=16)
+    for field in fields(record):
+        array = np.ascontiguousarray(getattr(record, field.name))
+        digest.update(repr(array.shape).encode())
+        digest.update(array.data)
+    return digest.digest()

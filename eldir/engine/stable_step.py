@@ -16,7 +16,7 @@ import numpy as np
 from eldir.core.records import BoolArray, FloatArray, IntArray
 from eldir.errors import EldirError
 from eldir.morphology import Bodies, Morphology
-from eldir.physics import Physics, physics_of
+from eldir.physics import Physics, resolve_physics
 from eldir.scene import SOFTENING, Scene
 
 _SAFETY = 0.95  # of the largest stable step, where steps are divided: motors stiffen a spring a little
@@ -25,10 +25,10 @@ _SAFETY = 0.95  # of the largest stable step, where steps are divided: motors st
 def stable_step(morphology: Morphology, scene: Scene, physics: Physics | None = None) -> float:
     """The largest stable step about the body's rest, its motors at rest [s]; infinite without stiffness."""
     own = physics if physics is not None else Physics.of(morphology, scene)
-    return _step(_largest_eigenvalue(morphology, own), scene, own.damping)
+    return _stable_step_at(largest_eigenvalue(morphology, own), scene, own.damping)
 
 
-def stable(
+def is_stable(
     morphologies: Sequence[Morphology], scene: Scene, physics: Sequence[Physics] | None = None
 ) -> BoolArray:
     """Whether the scene's step is stable for each robot, shape (n,).
@@ -36,13 +36,13 @@ def stable(
     A bound decides for nearly all robots: x K x <= 2 sum_i x_i D_i x_i, with D_i the sum of the 2 x 2
     stiffnesses of the springs of mass i. On the lattice it is at most 6 k; whole robots have 5.5 k.
     """
-    owns = physics if physics is not None else physics_of(morphologies, scene, None)
+    owns = physics if physics is not None else resolve_physics(morphologies, scene, None)
     schemes = {own.damping: scene.scheme_at(own.damping) for own in owns}
     limits = {c: 2 * (1 + scheme.decay) / (scene.dt * scheme.force) for c, scheme in schemes.items()}
     largest = np.array([limits[own.damping] for own in owns])
-    below = _bounds(Bodies(morphologies), owns) < largest if morphologies else np.zeros(0, bool)
+    below = eigenvalue_bounds(Bodies(morphologies), owns) < largest if morphologies else np.zeros(0, bool)
     for i in np.flatnonzero(~below).tolist():
-        below[i] = _largest_eigenvalue(morphologies[i], owns[i]) < largest[i]
+        below[i] = largest_eigenvalue(morphologies[i], owns[i]) < largest[i]
     return below
 
 
@@ -55,8 +55,8 @@ def substeps(
     """
     if scene.large_step == "run":
         return np.ones(len(morphologies), int)
-    owns = physics if physics is not None else physics_of(morphologies, scene, None)
-    counts = stable(morphologies, scene, owns).astype(int)
+    owns = physics if physics is not None else resolve_physics(morphologies, scene, None)
+    counts = is_stable(morphologies, scene, owns).astype(int)
     if scene.large_step == "subdivide":
         for i in np.flatnonzero(counts == 0).tolist():
             counts[i] = int(np.ceil(scene.dt / (_SAFETY * stable_step(morphologies[i], scene, owns[i]))))
@@ -65,14 +65,14 @@ def substeps(
         raise EldirError(
             "the step is too large for " + ("every robot" if len(counts) > 1 else "this robot"),
             code="scene.large-step",
-            expected=f"Scene.dt at most {_down(largest)} ms",
+            expected=f"Scene.dt at most {_round_down_ms(largest)} ms",
             found=f"{scene.dt * 1e3:.4g} ms",
             remedy="reduce Scene.dt, or set Scene.large_step to 'subdivide'",
         )
     return counts
 
 
-def divided(scene: Scene, parts: int) -> Scene:
+def subdivide_steps(scene: Scene, parts: int) -> Scene:
     """The same time in shorter steps; the states of every `parts`-th step are those of the scene."""
     if parts == 1:
         return scene
@@ -80,14 +80,14 @@ def divided(scene: Scene, parts: int) -> Scene:
     return scene.replace(dt=scene.dt / parts, steps=scene.steps * parts, window=window)
 
 
-def _down(seconds: float) -> str:
+def _round_down_ms(seconds: float) -> str:
     """Milliseconds with four digits, rounded down, so that the step is accepted."""
     ms = seconds * 1e3
     unit = 10.0 ** (np.floor(np.log10(ms)) - 3)
     return f"{np.floor(ms / unit) * unit:.4g}"
 
 
-def _step(eigenvalue: float, scene: Scene, damping: float) -> float:
+def _stable_step_at(eigenvalue: float, scene: Scene, damping: float) -> float:
     from scipy.optimize import brentq  # a fifth of a second, for few robots
 
     if eigenvalue <= 0:
@@ -101,7 +101,7 @@ def _step(eigenvalue: float, scene: Scene, damping: float) -> float:
     return float(brentq(excess, 0.1 * undamped, 1e6 * undamped, xtol=1e-9 * undamped))
 
 
-def _stiffnesses(bodies: Bodies, physics: Sequence[Physics], least: float) -> FloatArray:
+def _stiffness_matrices(bodies: Bodies, physics: Sequence[Physics], least: float) -> FloatArray:
     """Second derivatives of every spring's energy in x and y of xa - xb, about rest: xx, xy, yy [N/m], shape
     (3, S). Along the spring and across it they are at least `least`.
 
@@ -125,13 +125,13 @@ def _stiffnesses(bodies: Bodies, physics: Sequence[Physics], least: float) -> Fl
     return np.maximum(along, least) * directions + np.maximum(across, least) * sideways
 
 
-def _largest_eigenvalue(body: Morphology, own: Physics) -> float:
+def largest_eigenvalue(body: Morphology, own: Physics) -> float:
     """Largest eigenvalue of the stiffness matrix over 1 kg [1/s2]. By Lanczos' method, because LAPACK's
     threads slow each other down on a busy machine and take seconds."""
     from scipy.sparse import coo_array
     from scipy.sparse.linalg import eigsh
 
-    springs = _stiffnesses(Bodies([body]), [own], -np.inf)
+    springs = _stiffness_matrices(Bodies([body]), [own], -np.inf)
     m, (a, b) = len(body.positions), body.springs.T
     blocks = [
         (2 * i + row, 2 * j + column, sign * values)
@@ -144,9 +144,9 @@ def _largest_eigenvalue(body: Morphology, own: Physics) -> float:
     return float(eigsh(matrix, 1, which="LA", v0=start, tol=1e-8, return_eigenvectors=False)[0])
 
 
-def _bounds(bodies: Bodies, physics: Sequence[Physics]) -> FloatArray:
+def eigenvalue_bounds(bodies: Bodies, physics: Sequence[Physics]) -> FloatArray:
     """An upper bound of each body's eigenvalues [1/s2], shape (n,): without negative stiffness."""
     ends, m = bodies.springs.ravel(), bodies.mass_at[-1]
-    springs = _stiffnesses(bodies, physics, 0.0)
+    springs = _stiffness_matrices(bodies, physics, 0.0)
     xx, xy, yy = (np.bincount(ends, np.repeat(values, 2), minlength=m) for values in springs)
     return np.maximum.reduceat(xx + yy + np.hypot(xx - yy, 2 * xy), bodies.mass_at[:-1])

@@ -1,4 +1,4 @@
-"""Threads: how many there are, and work on many robots that is divided among them.
+"""The number of worker threads, and work on many robots that is divided among threads.
 
 Nothing heavy is imported: what needs no kernel does not start the compiler.
 """
@@ -13,8 +13,8 @@ from typing import TypeVar
 from eldir.core.arguments import require_value
 
 _Result = TypeVar("_Result")
-_ROBOTS = 32  # of one thread: fewer are done before another thread has started
-_MOST = 8  # threads for Python's code: more would only wait for the interpreter
+_MIN_ROBOTS = 32  # of one thread: fewer are done before another thread has started
+_MAX_THREADS = 8  # for Python's code: more would only wait for the interpreter
 
 
 def worker_threads() -> int:
@@ -22,16 +22,16 @@ def worker_threads() -> int:
     text = os.environ.get("ELDIR_THREADS", "")
     if not text:
         return os.cpu_count() or 1
-    good = text.isdigit() and int(text) >= 1
-    require_value("ELDIR_THREADS", good, "a whole number, 1 or more", repr(text))
+    valid = text.isdigit() and int(text) >= 1
+    require_value("ELDIR_THREADS", valid, "a whole number, 1 or more", repr(text))
     return int(text)
 
 
 def for_each(work: Callable[[int], _Result], robots: int) -> list[_Result]:
-    """`work(r)` for each robot r, in several threads where there are many robots. It gains where the work is
-    mostly NumPy's with thousands of numbers."""
-    enough = robots // _ROBOTS
-    threads = min(worker_threads(), _MOST, enough) if enough > 1 else 1
+    """`work(r)` for each robot r, in several threads where there are many robots. This is faster where NumPy
+    does most of the work, with thousands of numbers."""
+    enough = robots // _MIN_ROBOTS
+    threads = min(worker_threads(), _MAX_THREADS, enough) if enough > 1 else 1
     if threads == 1:
         return [work(r) for r in range(robots)]
     ends = [k * robots // threads for k in range(threads + 1)]

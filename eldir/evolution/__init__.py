@@ -1,7 +1,7 @@
 """Evolution of populations: search, the loop over generations, run folders, their analysis and figures.
 
 How one robot learns is in `eldir.learning` and `eldir.training`. Each name in `__init__.pyi` is imported when
-it is first used: the command imports this package to read `defaults`, and must not load NumPy for it.
+it is first used.
 """
 
 import lazy_loader

@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.stats import spearmanr
 
-from eldir.core.figure_folder import csv_text, page_templates, write_figures
 from eldir.core.files import require_new
+from eldir.core.pictures import csv_text, page_templates, write_figures
 from eldir.core.records import FloatArray
 from eldir.evolution import figures
 from eldir.evolution.history import EvaluatedRobots, RunHistory, Trend, read_history
@@ -42,16 +41,18 @@ def write_analysis(
 ) -> RunHistory:
     """Write `index.html`, every figure as SVG and PNG, and every number as CSV into a new folder, whole
     or not at all. Raises `EldirError` if the folder exists already."""
+    from scipy.stats import spearmanr  # a second, and few commands need it
+
     require_new(folder)
     generations = run.config.generations + 1
     history = read_history(run, lambda done: step("reading", 0.5 * done / generations))
     rho, p = (float(v) for v in spearmanr(history.progenitors.sizes, history.progenitors.fitness))
-    pupils = [("last generation", history.last), ("first generation", history.first)]
+    chosen = [("last generation", history.last), ("first generation", history.first)]
     paths = []
-    for i, (name, robots) in enumerate(pupils):
-        step("teaching the best again", 0.5 + 0.15 * i)
-        paths.append((f"best of the {name}: {robots.fitness[0]:.3f} m", _path(run, robots)))
-    zoo = _zoo(history.last)
+    for i, (name, robots) in enumerate(chosen):
+        step("training the best again", 0.5 + 0.15 * i)
+        paths.append((f"best of the {name}: {robots.fitness[0]:.3f} m", _best_path(run, robots)))
+    zoo = _choose_diverse(history.last)
     titles = [f"{f:.2f} m" for f in zoo.fitness]
     step("drawing", 0.8)
     drawn = {
@@ -74,26 +75,26 @@ def write_analysis(
         "lineage": ("Ancestors of the best robot", figures.lineage(history)),
         "discarded": ("Robots discarded as unstable", figures.discarded(history.trend)),
     }
-    tables = {name: _table(history, name) for name in PAPER}
+    tables = {name: _paper_table(history, name) for name in PAPER}
     total = (int(history.trend.evaluated.sum()), int(history.trend.discarded.sum()))
     page = page_templates("eldir.evolution").get_template("analysis.html").render(
         run=run, history=history, tables=tables, paper=PAPER, total=total,
         figures={name: caption for name, (caption, _) in drawn.items()},
     )  # fmt: skip
-    numbers = _numbers(history, zoo, paths, tables, (rho, p))
+    numbers = _csv_tables(history, zoo, paths, tables, (rho, p))
     write_figures(folder, page, {name: figure for name, (_, figure) in drawn.items()}, numbers)
     return history
 
 
-def _path(run: RunFolder, robots: EvaluatedRobots) -> FloatArray:
-    """The path of the best of some robots, which is taught again."""
+def _best_path(run: RunFolder, robots: EvaluatedRobots) -> FloatArray:
+    """The path of the best of some robots, which is trained again."""
     body = develop(run.config.lattice, robots.genotype(0))
     return learning_paths(
         body, run.config.scene, run.config.iterations, [int(robots.seeds[0])], _EVERY, run.config.training
     )
 
 
-def _zoo(robots: EvaluatedRobots) -> EvaluatedRobots:
+def _choose_diverse(robots: EvaluatedRobots) -> EvaluatedRobots:
     """The best robot; then, one after the other, the robot of the better half whose body differs most from
     those chosen."""
     masks = robots.triangles.reshape(len(robots.ids), -1)[: max(1, (len(robots.ids) + 1) // 2)]
@@ -106,7 +107,7 @@ def _zoo(robots: EvaluatedRobots) -> EvaluatedRobots:
     return robots.take(np.array(sorted(chosen)))
 
 
-def _table(history: RunHistory, kind: str) -> dict[str, tuple[str, str]]:
+def _paper_table(history: RunHistory, kind: str) -> dict[str, tuple[str, str]]:
     """A table of the paper for this run: all, best and largest; first and last generation."""
 
     def column(robots: EvaluatedRobots, all_of: EvaluatedRobots) -> list[str]:
@@ -121,7 +122,7 @@ def _table(history: RunHistory, kind: str) -> dict[str, tuple[str, str]]:
     return dict(zip(("All", "Best", "Largest"), zip(first, last, strict=True), strict=True))
 
 
-def _numbers(
+def _csv_tables(
     history: RunHistory,
     zoo: EvaluatedRobots,
     paths: Sequence[tuple[str, FloatArray]],
@@ -138,9 +139,9 @@ def _numbers(
             ([g, *row] for g, row in enumerate(zip(*(getattr(trend, n) for n in names), strict=True))),
         ),
         "progenitors": csv_text(
-            ["id", "springs", "active", "initial_m", "fitness_m"], _robots(history.progenitors)
+            ["id", "springs", "active", "initial_m", "fitness_m"], _csv_rows(history.progenitors)
         ),
-        "zoo": csv_text(["id", "springs", "active", "initial_m", "fitness_m"], _robots(zoo)),
+        "zoo": csv_text(["id", "springs", "active", "initial_m", "fitness_m"], _csv_rows(zoo)),
         "lineage": csv_text(
             ["generation", "id", "parent_1", "parent_2", "springs", "active", "initial_m", "fitness_m"],
             (
@@ -165,7 +166,7 @@ def _numbers(
     }
 
 
-def _robots(robots: EvaluatedRobots) -> Iterable[list[Any]]:
+def _csv_rows(robots: EvaluatedRobots) -> Iterable[list[Any]]:
     return (
         list(row)
         for row in zip(robots.ids, robots.sizes, robots.active, robots.initial, robots.fitness, strict=True)

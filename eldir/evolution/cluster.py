@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from eldir.core.provenance import source_digest
 from eldir.core.records import FloatArray
+from eldir.core.version import source_digest
 from eldir.engine.device.process import chosen_device
 from eldir.errors import EldirError, InputError, MissingDependencyError
 from eldir.evolution.loop import SHARD, Shard
@@ -32,7 +32,7 @@ _AHEAD = 2  # shards for every process, so that none waits for the next
 
 
 class Cluster:
-    """Teaches and simulates on a Ray cluster, with one process for every `ELDIR_THREADS` cores. Without that
+    """Trains and simulates on a Ray cluster, with one process for every `ELDIR_THREADS` cores. Without that
     variable, every process has as many cores as the smallest node."""
 
     def __init__(self) -> None:
@@ -70,7 +70,7 @@ class Cluster:
         """Number of processes that learn at the same time."""
         _logger.info("Ray cluster: %d processes with %d threads each", self.processes, self.threads)
         on_workers = ray.remote(num_cpus=self.threads, max_retries=_RETRIES)
-        self._learn, self._judge = on_workers(_learn), on_workers(_judge)
+        self._learn, self._evaluate = on_workers(_learn), on_workers(_evaluate)
 
     def robots_at_once(self, robots: int) -> int:
         return shard_size(robots, self.processes, self.threads)
@@ -86,7 +86,7 @@ class Cluster:
                     return
                 (done,), _ = self._ray.wait(list(running), num_returns=1)
                 yield running.pop(done), self._get(done)
-        finally:  # whoever asked wants no more, or something failed
+        finally:  # the caller wants no more, or something failed
             for task in running:
                 self._ray.cancel(task, force=True)
 
@@ -94,7 +94,7 @@ class Cluster:
         """One row for each trial of printed robots (`eldir.evolution.printed.search.Evaluator`)."""
         parts = np.array_split(np.arange(len(trials)), min(len(trials), _SHARDS_EACH * self.processes))
         tasks = [
-            self._judge.remote(kind, [trials[i] for i in part], nominal, self.threads, source_digest())
+            self._evaluate.remote(kind, [trials[i] for i in part], nominal, self.threads, source_digest())
             for part in parts
         ]
         try:
@@ -131,12 +131,12 @@ def shard_size(robots: int, processes: int, threads: int) -> int:
 
 
 def _learn(shard: Shard, threads: int, source: str) -> LearningOutcome:
-    """Teach a shard on a worker."""
+    """Train a shard on a worker."""
     _prepare(threads, source)
     return shard.learn()
 
 
-def _judge(
+def _evaluate(
     kind: Evaluation, trials: Sequence[Trial], nominal: RobotParameters, threads: int, source: str
 ) -> FloatArray:
     """Run trials of printed robots on a worker."""

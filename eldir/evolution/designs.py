@@ -14,7 +14,7 @@ from eldir.learning import learn
 from eldir.scene import Scene
 
 Run = RunFolder | PrintedRun
-_MOST_PRINTED = 24
+_MAX_PRINTED = 24
 """Elites of a run for building that become designs, the best first: a shortlist holds at most twelve."""
 
 
@@ -35,10 +35,10 @@ def load_run(path: Path | str) -> list[Design]:
     """
     run = open_run(path)
     run.require_generations()
-    return _of_printed(run) if isinstance(run, PrintedRun) else _of_taught(run)
+    return _printed_designs(run) if isinstance(run, PrintedRun) else _trained_designs(run)
 
 
-def _of_taught(run: RunFolder) -> list[Design]:
+def _trained_designs(run: RunFolder) -> list[Design]:
     """The survivors of a run in the paper's scene. Their provenance holds fitness, generation and seed."""
     search = run.restore()
     assert search.survivors is not None  # a generation is complete
@@ -74,14 +74,14 @@ def _of_taught(run: RunFolder) -> list[Design]:
     ]
 
 
-def _of_printed(run: PrintedRun) -> list[Design]:
+def _printed_designs(run: PrintedRun) -> list[Design]:
     """The best elites of a run for building, with gait and expected walk in their provenance.
 
     The closed-loop rollout is one of the three motions of a report. A printed robot evolves without a
-    controller, so the elites are taught here; the same run always gives the same controllers.
+    controller, so the elites are trained here; the same run always gives the same controllers.
     """
     config, scene = run.config, Scene()
-    elites = run.restore().archive.ranked()[:_MOST_PRINTED]
+    elites = run.restore().archive.ranked()[:_MAX_PRINTED]
     if not elites:
         return []
     bodies = [w.genome.body(config.lattice) for w in elites]

@@ -43,7 +43,7 @@ class EvaluatedRobots:
         """The robots with these indices, or where the mask is true."""
         return EvaluatedRobots(*(getattr(self, name)[index] for name in EvaluatedRobots.__dataclass_fields__))
 
-    def joined(self, other: EvaluatedRobots) -> EvaluatedRobots:
+    def join(self, other: EvaluatedRobots) -> EvaluatedRobots:
         """These robots, then the others."""
         return EvaluatedRobots(
             *(
@@ -101,7 +101,7 @@ def read_history(run: RunFolder, progress: Callable[[int], None] = lambda done: 
     origin: dict[int, EvaluatedRobots] = {}
     alive: EvaluatedRobots | None = None
     for generation in range(whole[-1][0] + 1):
-        born, sound, stands = _born(run, generation)
+        born, sound, stands = _load_evaluated(run, generation)
         if alive is None:
             progenitors = born.take(sound)
         elif not np.isin(born.parents, alive.ids).all():
@@ -112,20 +112,20 @@ def read_history(run: RunFolder, progress: Callable[[int], None] = lambda done: 
                 remedy="restore the run's own files",
             )
         lives = born.take(sound & stands)
-        pool = lives if alive is None else alive.joined(lives)
+        pool = lives if alive is None else alive.join(lives)
         alive = pool.take(np.argsort(-pool.fitness, kind="stable")[: run.config.population])
         for i in np.flatnonzero(np.isin(alive.ids, born.ids)):
             origin[int(alive.ids[i])] = alive.take(np.array([i]))
         if generation == 0:
             first = alive
-        rows.append(_row(alive, len(sound), int((~sound).sum())))
+        rows.append(_trend_row(alive, len(sound), int((~sound).sum())))
         progress(generation + 1)
     assert alive is not None
     trend = Trend(*np.array(rows).T)
-    return RunHistory(run, trend, progenitors, first, alive, _line(int(alive.ids[0]), origin))
+    return RunHistory(run, trend, progenitors, first, alive, _trace_ancestors(int(alive.ids[0]), origin))
 
 
-def _born(run: RunFolder, generation: int) -> tuple[EvaluatedRobots, BoolArray, BoolArray]:
+def _load_evaluated(run: RunFolder, generation: int) -> tuple[EvaluatedRobots, BoolArray, BoolArray]:
     """The robots that learned in a generation; whether each is valid; and whether it did not fall as
     built."""
     kept = load_generation(run.path, generation)
@@ -142,7 +142,7 @@ def _born(run: RunFolder, generation: int) -> tuple[EvaluatedRobots, BoolArray, 
     return robots, sound, kept["walk"] != -np.inf
 
 
-def _row(alive: EvaluatedRobots, evaluated: int, discarded: int) -> tuple[float, ...]:
+def _trend_row(alive: EvaluatedRobots, evaluated: int, discarded: int) -> tuple[float, ...]:
     return (
         alive.initial[0], alive.fitness[0],
         alive.initial.mean(), alive.initial.std(), alive.fitness.mean(), alive.fitness.std(),
@@ -150,7 +150,7 @@ def _row(alive: EvaluatedRobots, evaluated: int, discarded: int) -> tuple[float,
     )  # fmt: skip
 
 
-def _line(youngest: int, origin: dict[int, EvaluatedRobots]) -> tuple[EvaluatedRobots, ...]:
+def _trace_ancestors(youngest: int, origin: dict[int, EvaluatedRobots]) -> tuple[EvaluatedRobots, ...]:
     line = [origin[youngest]]
     while (parents := line[-1].parents[0]).min() >= 0:
         known = [origin[int(p)] for p in parents]

@@ -29,7 +29,7 @@ from eldir.genotype import stack
 from eldir.learning import learn
 from eldir.morphology import Morphology
 from eldir.scene import Scene
-from eldir.training.configuration import Training
+from eldir.training.configuration import TrainingConfig
 from eldir.training.randomisation import Randomisation
 
 _logger = logging.getLogger(__name__)
@@ -52,11 +52,11 @@ class Shard:
     iterations: int
     controllers: tuple[Controller, ...] | None
     """Initial weights. None: random weights from the seeds."""
-    training: Training
+    training: TrainingConfig
     randomisation: Randomisation | None
 
     def learn(self) -> LearningOutcome:
-        """Teach these robots in this process."""
+        """Train these robots in this process."""
         return learn(
             self.bodies, self.scene, self.iterations, self.seeds, self.controllers,
             training=self.training, randomisation=self.randomisation,
@@ -64,17 +64,17 @@ class Shard:
 
 
 class Trainer(Protocol):
-    """Teaches shards, in any order: `LocalTrainer` on this machine, `cluster.Cluster` on many."""
+    """Trains shards, in any order: `LocalTrainer` on this machine, `cluster.Cluster` on many."""
 
     def robots_at_once(self, robots: int) -> int:
         """The size of a shard, if so many robots have to learn."""
 
     def __call__(self, shards: Iterable[Shard]) -> Iterator[tuple[Shard, LearningOutcome]]:
-        """Teach the shards; yields each one with its outcome, in the order in which they finish."""
+        """Train the shards; yields each one with its outcome, in the order in which they finish."""
 
 
 @dataclass
-class _Known:
+class _GenerationOutcome:
     """The outcomes of a generation that are known so far."""
 
     losses: FloatArray
@@ -97,7 +97,7 @@ class _Known:
 
 
 class LocalTrainer:
-    """Teaches on this machine, with all of its threads."""
+    """Trains on this machine, with all of its threads."""
 
     def __init__(self) -> None:
         from eldir.engine.threads import worker_threads
@@ -113,7 +113,7 @@ class LocalTrainer:
 
 
 class DeviceTrainer:
-    """Teaches on the devices of this machine: while shards learn there, the next one is prepared here."""
+    """Trains on the devices of this machine: while shards learn there, the next one is prepared here."""
 
     def __init__(self, devices: int) -> None:
         self._devices = devices
@@ -133,13 +133,13 @@ class DeviceTrainer:
                         return
                     for done in wait(running, return_when=FIRST_COMPLETED).done:
                         yield running.pop(done), done.result()
-            finally:  # whoever asked wants no more, or something failed
+            finally:  # the caller wants no more, or something failed
                 for task in running:
                     task.cancel()
 
 
-def local_trainer(run: RunFolder) -> Trainer:
-    """The teacher for this machine, by `ELDIR_DEVICE`. Logs a warning where a run began on another device."""
+def make_local_trainer(run: RunFolder) -> Trainer:
+    """The trainer for this machine, by `ELDIR_DEVICE`. Logs a warning where a run began on another device."""
     device = chosen_device()
     if device != run.device:
         _logger.warning(
@@ -160,23 +160,23 @@ def evolve(
     of the first generation is stable. An interrupted run goes on with `resume`; one that fails before a robot
     has learned leaves no folder.
 
-        from eldir.evolution import Evolution, evolve, load_run
+        from eldir.evolution import EvolutionConfig, evolve, load_run
 
-        run = evolve(Evolution(Lattice(6, 11), population=16, generations=3, max_active=2), "run")
+        run = evolve(EvolutionConfig(Lattice(6, 11), population=16, generations=3, max_active=2), "run")
         best = load_run(run.path)[0]
     """
     run = RunFolder.create(Path(folder), config)
-    with run.removed_if_nothing_is_saved():
-        return _to_the_end(run, progress)
+    with run.remove_if_empty():
+        return _run_to_end(run, progress)
 
 
 def resume(folder: Path | str, progress: Callable[[int, float], None] | None = None) -> RunFolder:
     """Go on with an interrupted run to its last generation; it ends with the same bytes as one that was not
     interrupted. `progress` as in `evolve`."""
-    return _to_the_end(RunFolder.open(Path(folder)), progress)
+    return _run_to_end(RunFolder.open(Path(folder)), progress)
 
 
-def _to_the_end(run: RunFolder, progress: Callable[[int, float], None] | None) -> RunFolder:
+def _run_to_end(run: RunFolder, progress: Callable[[int, float], None] | None) -> RunFolder:
     with run.locked():
         search = run.restore()
         reported = search.generation
@@ -187,7 +187,7 @@ def _to_the_end(run: RunFolder, progress: Callable[[int, float], None] | None) -
                 reported = search.generation
                 progress(reported - 1, float(search.survivors.fitness()[0]))
 
-        run_generations(run, search, local_trainer(run), progress=saved)
+        run_generations(run, search, make_local_trainer(run), progress=saved)
     return run
 
 
@@ -224,15 +224,16 @@ def _generation(
     trainer: Trainer,
     stopped: Callable[[], bool],
     progress: Callable[[int], None],
-) -> _Known | None:
+) -> _GenerationOutcome | None:
     """The outcomes of all robots of a generation, or None if it was stopped before the last one."""
     n = len(robots.ids)
-    known = _Known(np.zeros((n, run.config.iterations + 1)))
+    known = _GenerationOutcome(np.zeros((n, run.config.iterations + 1)))
     for path in run.parts(search.generation):
         ids, losses, controllers = tables.read_outcome(path)
         index = ids - robots.ids[0]
         if not (index.min() >= 0 and index.max() < n and losses.shape[1] == known.losses.shape[1]):
-            raise tables.damaged(path, "robots of this generation", InputError("others"))
+            others = InputError("robots of another generation")
+            raise tables.damaged(path, "robots of this generation", others)
         known.add(index, losses, controllers)
     progress(len(known.trained))
     size = trainer.robots_at_once(len(known.missing))

@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from eldir.controller import Controller
-from eldir.core.arguments import require_number
+from eldir.core.arguments import require_count
 from eldir.core.records import BoolArray, FloatArray, IntArray, Record
 from eldir.genotype import Genotype
 from eldir.lattice import Lattice
@@ -46,7 +46,7 @@ class Robots(Record):
 
 
 @dataclass(frozen=True, eq=False)
-class Learned(Record):
+class LearnedRobots(Record):
     """N robots after learning."""
 
     robots: Robots
@@ -65,25 +65,25 @@ class Learned(Record):
         if not len(self.walks):
             object.__setattr__(self, "walks", np.full(n, np.nan))
         self._set_array("walks", np.float64, (n,))
-        require_number("controllers", len(self.controllers), len(self.losses))
+        require_count("controllers", len(self.controllers), len(self.losses))
 
     def fitness(self) -> FloatArray:
         """Greatest net displacement over all iterations [m], shape (N,)."""
         return -self.losses.min(axis=1)
 
-    def take(self, index: IntArray) -> Learned:
+    def take(self, index: IntArray) -> LearnedRobots:
         """The robots with these indices, in this order."""
         trained = tuple(self.controllers[i] for i in index)
-        return Learned(self.robots.take(index), self.losses[index], trained, self.walks[index])
+        return LearnedRobots(self.robots.take(index), self.losses[index], trained, self.walks[index])
 
-    def joined(self, other: Learned) -> Learned:
+    def join(self, other: LearnedRobots) -> LearnedRobots:
         """These robots, then the others."""
         a, b = self.robots, other.robots
         robots = Robots(
             a.genotypes + b.genotypes,
             *(np.concatenate([getattr(a, k), getattr(b, k)]) for k in ("ids", "parents", "seeds")),
         )
-        return Learned(
+        return LearnedRobots(
             robots,
             np.concatenate([self.losses, other.losses]),
             self.controllers + other.controllers,
@@ -103,7 +103,7 @@ class LearningOutcome(Protocol):
         """The controller with the least loss of each robot."""
 
 
-def valid(losses: FloatArray, jump_threshold: float) -> BoolArray:
+def is_valid(losses: FloatArray, jump_threshold: float) -> BoolArray:
     """Whether each robot is valid, shape (N,): all losses are finite, and no change between two iterations is
     above the threshold [m]. This is the only place where results are discarded."""
     with np.errstate(invalid="ignore"):
@@ -111,8 +111,8 @@ def valid(losses: FloatArray, jump_threshold: float) -> BoolArray:
         return np.isfinite(losses).all(axis=1) & (jumps <= jump_threshold)
 
 
-def select(pool: Learned, n: int, jump_threshold: float) -> Learned:
+def select(pool: LearnedRobots, n: int, jump_threshold: float) -> LearnedRobots:
     """The best `n` valid robots that did not fall as built, best first; of equal ones, the older first."""
     standing = pool.walks != -np.inf
-    sound = pool.take(np.flatnonzero(valid(pool.losses, jump_threshold) & standing))
+    sound = pool.take(np.flatnonzero(is_valid(pool.losses, jump_threshold) & standing))
     return sound.take(np.argsort(-sound.fitness(), kind="stable")[:n])

@@ -27,13 +27,12 @@ import numpy as np
 from eldir.controller import Controller
 from eldir.core.files import new_folder, write_bytes
 from eldir.core.kernels import Device
-from eldir.core.provenance import source_digest
 from eldir.core.records import FileRecord, FloatArray, IntArray, SourceDigest, record
-from eldir.core.version import __version__
+from eldir.core.version import __version__, source_digest
 from eldir.engine.device.process import chosen_device
 from eldir.errors import EldirError, InputError, not_written
 from eldir.evolution import tables
-from eldir.evolution.population import Learned, valid
+from eldir.evolution.population import LearnedRobots, is_valid
 from eldir.evolution.search import EvolutionConfig, Search
 
 _logger = logging.getLogger(__name__)
@@ -50,7 +49,7 @@ class RunConfig(Protocol):
 
 
 @record
-class StartedFile(FileRecord):
+class RunFileHeader(FileRecord):
     """What the file run.json of an evolution of any kind begins with."""
 
     version: str
@@ -60,7 +59,7 @@ class StartedFile(FileRecord):
 
 
 @record
-class RunFile(StartedFile):
+class RunFile(RunFileHeader):
     """The file run.json of an evolution."""
 
     FORMAT = "eldir-run/1"
@@ -127,7 +126,7 @@ class GenerationsFolder(Generic[_Config]):
             yield
 
     @contextmanager
-    def removed_if_nothing_is_saved(self) -> Iterator[None]:
+    def remove_if_empty(self) -> Iterator[None]:
         """Remove the folder of a new run if it fails before a result is saved: its name stays free. Ctrl-C is
         no failure: the run can be resumed."""
         try:
@@ -143,7 +142,7 @@ class GenerationsFolder(Generic[_Config]):
         return any(self.path.glob("*.parquet"))
 
     @property
-    def evolving(self) -> bool:
+    def is_evolving(self) -> bool:
         """Whether a process holds the lock."""
         with suppress(FileNotFoundError), (self.path / "lock").open() as lock:
             try:
@@ -152,15 +151,15 @@ class GenerationsFolder(Generic[_Config]):
                 return True
         return False
 
-    def whole_generations(self) -> list[tuple[int, Path]]:
+    def complete_generations(self) -> list[tuple[int, Path]]:
         """Numbers of the complete generations on disk, and the files that complete them, ascending."""
         name = re.compile(rf"{self.COMPLETES}-(\d{{4,}})\.parquet")
         found = ((name.fullmatch(p.name), p) for p in self.path.iterdir())
         return sorted((int(match[1]), p) for match, p in found if match)
 
     def require_generations(self) -> list[tuple[int, Path]]:
-        """`whole_generations`. Raises `InputError` where there is none."""
-        if whole := self.whole_generations():
+        """`complete_generations`. Raises `InputError` where there is none."""
+        if whole := self.complete_generations():
             return whole
         problem = f"{self.path} has no complete generation yet"
         remedy = f"continue with eldir evolve --resume {self.path}"
@@ -184,8 +183,8 @@ class GenerationsFolder(Generic[_Config]):
         return str(self.FILE.FORMAT).replace("run", what)
 
     def _remove_outdated(self) -> None:
-        """Remove the files that completed earlier generations, which nobody needs any more."""
-        for _, old in self.whole_generations()[:-_KEPT]:
+        """Remove the files that completed earlier generations, which are needed no longer."""
+        for _, old in self.complete_generations()[:-_KEPT]:
             old.unlink()
 
 
@@ -224,12 +223,12 @@ class RunFolder(GenerationsFolder[EvolutionConfig]):
         """Files of the robots of an incomplete generation that have learned."""
         return sorted(self.path.glob(f"part-{generation:04d}-*.parquet"))
 
-    def save(self, search: Search, learned: Learned) -> None:
+    def save(self, search: Search, learned: LearnedRobots) -> None:
         """Save the last generation that `Search.tell` has selected."""
         generation = search.generation - 1
         if search.survivors is None:
             raise EldirError("nothing to save", expected="a search after a call of `tell`")
-        sound = valid(learned.losses, self.config.training.jump_threshold)
+        sound = is_valid(learned.losses, self.config.training.jump_threshold)
         born = tables.robots_columns(learned.robots)
         born |= {"losses": tables.lists(list(learned.losses), np.float64), "valid": sound}
         kept = search.survivors
@@ -242,13 +241,13 @@ class RunFolder(GenerationsFolder[EvolutionConfig]):
     def _remove_outdated(self) -> None:
         """Also the parts of complete generations."""
         super()._remove_outdated()
-        for generation, _ in self.whole_generations():
+        for generation, _ in self.complete_generations():
             for part in self.parts(generation):
                 part.unlink()
 
     def restore(self) -> Search:
         """The search after the last complete generation, or a new one where there is none."""
-        whole = self.whole_generations()
+        whole = self.complete_generations()
         if not whole:
             return Search(self.config)
         generation, path = whole[-1]
@@ -259,7 +258,7 @@ class RunFolder(GenerationsFolder[EvolutionConfig]):
 
 def load_generation(path: Path | str, generation: int) -> dict[str, np.ndarray]:
     """Every robot evaluated in a generation: id, parents (N, 2), seed, triangles (N, B, A),
-    springs (N, S), losses (N, iterations + 1), valid, and walk (`Learned.walks`), all in order of id."""
+    springs (N, S), losses (N, iterations + 1), valid, and walk (`LearnedRobots.walks`), in order of id."""
     run = RunFolder.open(Path(path))
     file = run.generation_file(generation)
     table = tables.read(file)

@@ -1,7 +1,7 @@
 """The genetic algorithm: bodies compete by how well they learn (paper, Sect. Genetic algorithm).
 
-Ask and tell: `Search.ask` gives the robots of a generation, the caller teaches them, and `Search.tell`
-selects. Generation 0 consists of random progenitors. `scene_on` gives their ground.
+Ask and tell: `Search.ask` gives the robots of a generation, the caller trains them, and `Search.tell`
+selects. Generation 0 consists of random progenitors. `make_scene` gives their ground.
 """
 
 from __future__ import annotations
@@ -13,34 +13,32 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field
 
-from eldir.built.robot import build
-from eldir.built.screening import soft_walks
-from eldir.built.statics import shape_fault, static_margin
+from eldir import defaults
+from eldir.built.robot import build, find_shape_fault, static_margin
+from eldir.built.screening import simulate_soft_walks
 from eldir.controller import Controller
 from eldir.core import arguments
 from eldir.core.records import FloatArray, IntArray, Record, record
+from eldir.defaults import ITERATIONS, Crossover, Ground
 from eldir.errors import EldirError
-from eldir.evolution import defaults
-from eldir.evolution.defaults import Crossover, Ground
-from eldir.evolution.population import Learned, LearningOutcome, Robots, select
-from eldir.evolution.variation import inherit, offspring
+from eldir.evolution.population import LearnedRobots, LearningOutcome, Robots, select
+from eldir.evolution.variation import inherit, make_offspring
 from eldir.genotype import Genotype, random_genotypes
 from eldir.lattice import Lattice
 from eldir.morphology import Morphology, develop
 from eldir.parameters.printed import BuiltParameters
 from eldir.scene import TRAINING_FIELDS, Scene
 from eldir.terrain import Terrain
-from eldir.training.configuration import DERIVED, Training
-from eldir.training.defaults import ITERATIONS
-from eldir.training.initial import initial_controllers
+from eldir.training.configuration import DERIVED, TrainingConfig
+from eldir.training.loop import initial_controllers
 from eldir.training.randomisation import Randomisation
 
-Accept = Callable[[Morphology], bool]
+AcceptBody = Callable[[Morphology], bool]
 """A further condition on new bodies, in addition to the configuration. The run folder does not contain it."""
-Walks = Callable[[Sequence[Morphology]], FloatArray]
-"""A function that gives the walk of bodies as built, for the second stage."""
-_ATTEMPTS = 200  # batches drawn for bodies that are accepted
-_MOST_DRIVEN = 3  # motors in the second stage: 64 combinations of phases
+WalkFunction = Callable[[Sequence[Morphology]], FloatArray]
+"""A function that gives the walk of printed bodies, for the second stage."""
+_ATTEMPTS = 200  # batches sampled for bodies that are accepted
+_MAX_MOTORS = 3  # motors in the second stage: 64 combinations of phases
 _TILTS: dict[Ground, float] = {"level": 0.0, "incline": 0.2, "decline": -0.2}
 """Tilt of each kind of rugged ground, as `Terrain.rugged` takes it."""
 
@@ -54,9 +52,9 @@ class EvolutionConfig(Record):
 
     lattice: Lattice = field(default_factory=lambda: Lattice(*defaults.LATTICE))
     """Size of the lattice in which bodies lie."""
-    population: Annotated[int, Field(ge=1, le=defaults.MOST_POPULATION)] = defaults.POPULATION
+    population: Annotated[int, Field(ge=1, le=defaults.MAX_POPULATION)] = defaults.POPULATION
     """Number of robots of a generation."""
-    generations: Annotated[int, Field(ge=0, le=defaults.MOST_GENERATIONS)] = defaults.GENERATIONS
+    generations: Annotated[int, Field(ge=0, le=defaults.MAX_GENERATIONS)] = defaults.GENERATIONS
     """Generations of offspring that follow the random progenitors."""
     max_active: Annotated[int, Field(ge=1)] | None = None
     """Largest number of motors in a robot; two for building."""
@@ -71,21 +69,21 @@ class EvolutionConfig(Record):
     """How two parents make a child: not at all, with bodies that differ, or with what they share."""
     inherit: bool = False
     """Offspring of one parent start from its learned weights."""
-    iterations: Annotated[int, Field(ge=1, le=defaults.MOST_ITERATIONS)] = ITERATIONS
+    iterations: Annotated[int, Field(ge=1, le=defaults.MAX_ITERATIONS)] = ITERATIONS
     """Updates of every robot."""
     randomisation: Randomisation | None = None
-    """The distribution from which physics are drawn while robots learn. None: the scene's physics."""
+    """The distribution from which physics are sampled while robots learn. None: the scene's physics."""
     seed: Annotated[int, Field(ge=0)] = defaults.SEED
     """Seed of the run's random numbers."""
     scene: Scene = field(default_factory=Scene)
     """The simulation in which robots learn."""
-    training: Training = DERIVED
-    """Configuration of learning, and of which robots count as stable. Default: `Training.of(scene)`."""
+    training: TrainingConfig = DERIVED
+    """Configuration of learning, and of which robots count as stable. Default: `TrainingConfig.of(scene)`."""
 
     def __post_init__(self) -> None:
         if self.training is None:
-            object.__setattr__(self, "training", Training.of(self.scene))
-        arguments.require_room(self.lattice.rows, self.lattice.columns, self.population, self.iterations)
+            object.__setattr__(self, "training", TrainingConfig.of(self.scene))
+        arguments.require_memory(self.lattice.rows, self.lattice.columns, self.population, self.iterations)
         if self.static_margin is not None:
             arguments.require_margin(
                 "EvolutionConfig.static_margin",
@@ -93,8 +91,8 @@ class EvolutionConfig(Record):
                 self.lattice.columns,
                 BuiltParameters().pitch,
             )
-        few = not self.second_stage or (self.max_active is not None and self.max_active <= _MOST_DRIVEN)
-        expected = f"at most {_MOST_DRIVEN}, as Evolution.second_stage tries all phases of the motors"
+        few = not self.second_stage or (self.max_active is not None and self.max_active <= _MAX_MOTORS)
+        expected = f"at most {_MAX_MOTORS}, as EvolutionConfig.second_stage tries all phases of the motors"
         remedy = "limit the motors: --max-motors 2"
         arguments.require_value("EvolutionConfig.max_active", few, expected, self.max_active, remedy)
 
@@ -116,10 +114,10 @@ class Search:
     def __init__(
         self,
         config: EvolutionConfig,
-        accept: Accept | None = None,
+        accept: AcceptBody | None = None,
         generation: int = 0,
-        survivors: Learned | None = None,
-        walks: Walks = soft_walks,
+        survivors: LearnedRobots | None = None,
+        walks: WalkFunction = simulate_soft_walks,
     ):
         self.config = config
         self.generation = generation
@@ -143,13 +141,13 @@ class Search:
         seeds = np.array([robot_seed(c.seed, self.generation, i) for i in index.tolist()], np.int64)
         return Robots(tuple(genotypes), self.generation * c.population + index, parents, seeds)
 
-    def tell(self, robots: Robots, outcome: LearningOutcome) -> Learned:
+    def tell(self, robots: Robots, outcome: LearningOutcome) -> LearnedRobots:
         """Select among parents and offspring; parents keep their losses. Raises `EldirError` where no robot
         of the first generation is stable."""
-        learned = Learned(robots, outcome.losses, tuple(outcome.controllers))
+        learned = LearnedRobots(robots, outcome.losses, tuple(outcome.controllers))
         if self.config.second_stage:
-            learned = self._driven(learned)
-        survivors = self._selected(learned)
+            learned = self._walk_survivors(learned)
+        survivors = self._select_survivors(learned)
         if not len(survivors.losses):
             raise EldirError(
                 "no robot of the first generation was stable",
@@ -174,15 +172,15 @@ class Search:
                 fresh[i] = inherit(parent, self.survivors.controllers[place[one]], bodies[i], fresh[i])
         return fresh
 
-    def _selected(self, learned: Learned) -> Learned:
-        pool = learned if self.survivors is None else self.survivors.joined(learned)
+    def _select_survivors(self, learned: LearnedRobots) -> LearnedRobots:
+        pool = learned if self.survivors is None else self.survivors.join(learned)
         return select(pool, self.config.population, self.config.training.jump_threshold)
 
-    def _driven(self, learned: Learned) -> Learned:
+    def _walk_survivors(self, learned: LearnedRobots) -> LearnedRobots:
         """The same robots, with the walks as built of all that would survive, including those that replace
         fallen ones."""
         while True:
-            unknown = np.isin(learned.robots.ids, self._selected(learned).robots.ids) & np.isnan(
+            unknown = np.isin(learned.robots.ids, self._select_survivors(learned).robots.ids) & np.isnan(
                 learned.walks
             )
             if not unknown.any():
@@ -197,10 +195,10 @@ class Search:
         found: list[Genotype] = []
         for _ in range(_ATTEMPTS):
             drawn = random_genotypes(c.lattice, c.population - len(found), rng, c.max_active)
-            found += [g for g in drawn if self._accepted(g)]
+            found += [g for g in drawn if self._is_accepted(g)]
             if len(found) == c.population:
                 return found, np.full((c.population, 2), -1)
-        raise _nothing_accepted(c.population - len(found))
+        raise _too_few_bodies_error(c.population - len(found))
 
     def _offspring(self, rng: np.random.Generator) -> tuple[list[Genotype], IntArray]:
         c = self.config
@@ -209,23 +207,23 @@ class Search:
         found: list[Genotype | None] = [None] * len(progenitors.genotypes)
         parents = np.zeros((len(found), 2), np.int64)
         for _ in range(_ATTEMPTS):
-            drawn, of = offspring(c.lattice, list(progenitors.genotypes), rng, c.crossover, c.max_active)
+            drawn, of = make_offspring(c.lattice, list(progenitors.genotypes), rng, c.crossover, c.max_active)
             for i in [i for i, g in enumerate(found) if g is None]:
-                if self._accepted(drawn[i]):
+                if self._is_accepted(drawn[i]):
                     found[i], parents[i] = drawn[i], progenitors.ids[of[i]]
             whole = [g for g in found if g is not None]
             if len(whole) == len(found):
                 return whole, parents
-        raise _nothing_accepted(len(found) - len(whole))
+        raise _too_few_bodies_error(len(found) - len(whole))
 
-    def _accepted(self, genotype: Genotype) -> bool:
+    def _is_accepted(self, genotype: Genotype) -> bool:
         c = self.config
         if c.static_margin is None and not c.buildable and self._accept is None:
             return True
         body = develop(c.lattice, genotype)
         if c.static_margin is not None and static_margin(build(body)) < c.static_margin:
             return False
-        if c.buildable and shape_fault(build(body)):
+        if c.buildable and find_shape_fault(build(body)):
             return False
         return self._accept is None or bool(self._accept(body))
 
@@ -236,7 +234,7 @@ def robot_seed(run_seed: int, generation: int, index: int) -> int:
     return int(sequence.generate_state(1, np.uint64)[0] >> 1)
 
 
-def _nothing_accepted(missing: int) -> EldirError:
+def _too_few_bodies_error(missing: int) -> EldirError:
     return EldirError(
         "too few bodies are accepted",
         code="evolution.too-few-bodies",
@@ -246,7 +244,7 @@ def _nothing_accepted(missing: int) -> EldirError:
     )
 
 
-def scene_on(ground: Ground, seed: int) -> Scene:
+def make_scene(ground: Ground, seed: int) -> Scene:
     """The paper's scene on this ground, flat or rugged with one of three tilts (paper, Sect. Terrain). Rugged
     ground is drawn from the seed of the run."""
     scene = Scene.preset("paper")

@@ -79,20 +79,20 @@ def progress_line(generation: int, fitness: FloatArray | None) -> str:
     return f"generation {generation - 1}, best {fitness[0]:.3f} m, mean {fitness.mean():.3f} m"
 
 
-def status_of(run: RunFolder) -> Status:
+def read_status(run: RunFolder) -> Status:
     """Read the status of a run."""
     for _ in range(3):  # while a process evolves, a file may go between being listed and being read
         try:
             return _status_of(run)
         except InputError:
-            if not run.evolving:
+            if not run.is_evolving:
                 raise
     return _status_of(run)
 
 
 def _status_of(run: RunFolder) -> Status:
     config = run.config
-    whole = run.whole_generations()
+    whole = run.complete_generations()
     generations = whole[-1][0] + 1 if whole else 0
     fitness = _fitness(whole[-1][1]) if whole else None
     learned = sum(_rows(p) for p in run.parts(generations))
@@ -105,7 +105,7 @@ def _status_of(run: RunFolder) -> Status:
     to_come = config.generations + 1 - generations - learned / config.population
     return Status(
         path=str(run.path),
-        state="finished" if finished else "evolving" if run.evolving else "stopped",
+        state="finished" if finished else "evolving" if run.is_evolving else "stopped",
         whole=generations,
         wanted=config.generations + 1,
         learned=learned,

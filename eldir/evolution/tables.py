@@ -1,7 +1,7 @@
 """Robots as Parquet tables: the columns of a run's files, and how they are read.
 
 Bits are packed eight to a byte, the first bit the highest; masks row by row from the bottom. Weights
-are kept in the precision that they were taught in, row by row.
+are kept in the precision that they were trained in, row by row.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from eldir.controller import HIDDEN, Controller
 from eldir.core.kernels import Precision
 from eldir.core.records import BoolArray, FloatArray, IntArray
 from eldir.errors import InputError, not_read
-from eldir.evolution.population import Learned, Robots
+from eldir.evolution.population import LearnedRobots, Robots
 from eldir.genotype import stack, unstack
 from eldir.lattice import Lattice
 from eldir.morphology import offsets
@@ -54,7 +54,7 @@ def outcome_columns(
     return {"losses": lists(list(losses), np.float64), **weights}
 
 
-def read_learned(path: Path, lattice: Lattice) -> Learned:
+def read_learned(path: Path, lattice: Lattice) -> LearnedRobots:
     """Robots with losses and weights, from a file that has both kinds of columns."""
     table = read(path)
     try:
@@ -65,7 +65,7 @@ def read_learned(path: Path, lattice: Lattice) -> Learned:
             table["seed"].to_numpy(),
         )
         walks = table["walk"].to_numpy() if "walk" in table.column_names else np.zeros(0)
-        return Learned(robots, *_outcome(table), walks)
+        return LearnedRobots(robots, *_outcome(table), walks)
     except (KeyError, ValueError, IndexError, AttributeError, InputError) as error:
         raise damaged(path, "the survivors of this run", error) from None
 

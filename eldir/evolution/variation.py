@@ -14,7 +14,7 @@ import numpy as np
 from eldir.controller import CPGS, HIDDEN, Controller
 from eldir.core.arguments import require_known
 from eldir.core.records import BoolArray, IntArray
-from eldir.evolution.defaults import Crossover
+from eldir.defaults import Crossover
 from eldir.genotype import Genotype, repair_bodies, repair_springs, stack, unstack
 from eldir.lattice import Lattice
 from eldir.morphology import Morphology
@@ -24,7 +24,7 @@ CROSSOVER_SHARE = 0.8
 _ZEROED = {"distinct": 0.35, "joint": 0.25}
 
 
-def offspring(
+def make_offspring(
     lattice: Lattice,
     progenitors: list[Genotype],
     rng: np.random.Generator,

@@ -27,7 +27,7 @@ class BuiltParameters(Record):
     """Parameters of a printed robot that do not depend on its design."""
 
     OPTIONAL = frozenset({"tilt", "socket", "corner", "socket_turn", "socket_friction"})
-    """What files of version 0.1.0 lack."""
+    """Keys that files of version 0.1.0 do not have."""
 
     pitch: PositiveFloat = 0.057
     """Distance between neighbouring masses [m]."""
@@ -76,9 +76,9 @@ class BuiltParameters(Record):
     """Standard deviation of every strip's rest length from the drawing [m]."""
 
     def __post_init__(self) -> None:
-        stiff, remedy = self.socket == 0 or self.bending > 0, "start from BuiltParameters().with_hubs()"
+        valid, remedy = self.socket == 0 or self.bending > 0, "start from BuiltParameters().with_hubs()"
         require_value(
-            "BuiltParameters.bending", stiff, "more than 0 N m where sockets have a size", 0, remedy
+            "BuiltParameters.bending", valid, "more than 0 N m where sockets have a size", 0, remedy
         )
 
     @property
@@ -93,22 +93,26 @@ class BuiltParameters(Record):
         """Lengths of the built robot divided by those of the simulated one."""
         return self.pitch / (2 * HALF_SIDE)
 
-    def perturbed(self, rng: np.random.Generator) -> BuiltParameters:
+    def perturb(self, rng: np.random.Generator) -> BuiltParameters:
         """A random robot from the same printer.
 
         Friction is 0.7 to 1.3 of nominal. The others have standard deviations: 5 to 20 per cent of stiffness
         and damping, 2 to 5 per cent of masses, 0.3 mm of the length of strips. Of hubs the friction in the
         sockets, and the damping that it causes, are hardly known: a factor of 1.65 (0.5 of their logarithm).
         """
-        off = {
+        spreads = {
             "tension": 0.1, "buckling": 0.1, "strip_damping": 0.2, "active_damping": 0.2, "drag": 0.1,
             "hexagon": 0.05, "half_connector": 0.05, "strip": 0.05, "active_spring": 0.02,
         }  # fmt: skip
         values: dict[str, float] = {
-            name: getattr(self, name) * float(np.exp(s * rng.standard_normal())) for name, s in off.items()
+            name: getattr(self, name) * float(np.exp(spread * rng.standard_normal()))
+            for name, spread in spreads.items()
         }
-        soft = float(np.exp(0.05 * rng.standard_normal()))
-        values |= {"cold_stiffness": self.cold_stiffness * soft, "hot_stiffness": self.hot_stiffness * soft}
+        factor = float(np.exp(0.05 * rng.standard_normal()))
+        values |= {
+            "cold_stiffness": self.cold_stiffness * factor,
+            "hot_stiffness": self.hot_stiffness * factor,
+        }
         values |= {"friction": self.friction * float(rng.uniform(0.7, 1.3)), "geometry": 0.3e-3}
         values |= {"bending": self.bending * float(np.exp(0.1 * rng.standard_normal()))}
         if self.socket > 0:
@@ -129,12 +133,12 @@ class BuiltParameters(Record):
         )  # fmt: skip
 
     def with_pins(self) -> BuiltParameters:
-        """The same robot with pins instead of hubs: it moves nearly alike, and costs a seventh of the time.
+        """The same robot with pins instead of hubs: its motion is nearly the same, in a seventh of the time.
         Clamped strips stay clamped."""
         if self.joints != "hubs":
             return self
         pins = BuiltParameters()
-        unlike = (
+        changed = (
             "bending",
             "socket",
             "corner",
@@ -143,7 +147,7 @@ class BuiltParameters(Record):
             "gyration",
             "strip_damping",
         )
-        return replace(self, **{name: getattr(pins, name) for name in unlike})
+        return replace(self, **{name: getattr(pins, name) for name in changed})
 
     @classmethod
     def clamped(cls) -> BuiltParameters:

@@ -14,7 +14,7 @@ from functools import cache
 
 import numpy as np
 
-from eldir.core.arguments import require_known, require_number, require_value
+from eldir.core.arguments import require_count, require_known, require_value
 from eldir.core.records import FloatArray, Record
 from eldir.morphology import Morphology
 from eldir.parameters.printed import BuiltParameters
@@ -49,7 +49,8 @@ class RobotParameters(Record):
     springs: SpringParameters = field(default_factory=SpringParameters)
     """Mean parameters of the springs of its motors."""
     strips: FloatArray = field(default_factory=lambda: np.zeros(0))
-    """Length of every strip beyond the drawing [m], shape (S,), 0 for active springs. Empty: all as drawn."""
+    """Difference of every strip's length from the drawing [m], shape (S,), 0 for active springs. Empty: no
+    differences."""
     motor_names: tuple[str, ...] = ()
     """Names of the D parameters in which the springs of the motors differ."""
     motor_z: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
@@ -58,7 +59,8 @@ class RobotParameters(Record):
     feet: FloatArray = field(default_factory=lambda: np.zeros(0))
     """Friction of every mass as a multiple of `printed.friction`, shape (M,). Empty: 1."""
     own_springs: tuple[SpringParameters, ...] = ()
-    """The spring of each motor, A of them, where each was drawn by itself. Empty: as the other fields say."""
+    """The spring of each motor, A of them, where each was sampled separately. Empty: as the other fields
+    say."""
 
     def __post_init__(self) -> None:
         self._set_array("strips", np.float64, (None,))
@@ -68,13 +70,13 @@ class RobotParameters(Record):
 
     @property
     def uniform(self) -> RobotParameters:
-        """The same robot with every strip as long as drawn, all feet alike, and the same spring in all
-        motors."""
+        """The same robot with all strips as in the drawing, equal friction of all feet, and equal springs in
+        all motors."""
         return RobotParameters(self.printed, self.springs)
 
     @property
-    def has_unequal_parts(self) -> bool:
-        """Whether lengths of strips, or differences between springs, are known."""
+    def has_individual_parts(self) -> bool:
+        """Whether lengths of single strips, or differences between springs, are known."""
         return bool(len(self.strips) or len(self.motor_names) or self.own_springs)
 
     @property
@@ -82,11 +84,11 @@ class RobotParameters(Record):
         """Cold and hot free length of the springs [m], as `eldir.built.motion.drive` takes them."""
         return self.springs.cold_length, self.springs.hot_length
 
-    def springs_of(self, motors: int) -> list[SpringParameters]:
-        """Parameters of the spring of each of `motors` motors. Raises `InputError` where springs of another
-        number of motors were drawn."""
+    def motor_springs(self, motors: int) -> list[SpringParameters]:
+        """Parameters of the spring of each of `motors` motors. Raises `InputError` where `own_springs` has
+        another number of them."""
         if self.own_springs:
-            require_number("springs", len(self.own_springs), motors, "motor")
+            require_count("springs", len(self.own_springs), motors, "motor")
             return list(self.own_springs)
         own = [self.springs] * motors
         for name, z in zip(self.motor_names, self.motor_z, strict=True):
@@ -107,8 +109,8 @@ class RobotParameters(Record):
     def with_parts(
         self, strips: FloatArray, springs: Mapping[str, FloatArray | Sequence[float]]
     ) -> RobotParameters:
-        """The robot with these lengths of strips (as `strips`) and with these values of each motor's spring,
-        by quantity, in the unit of `QUANTITIES`, shape (A,) each."""
+        """The robot with these differences of strips (as `strips`) and with these values of each motor's
+        spring, by quantity, in the unit of `QUANTITIES`, shape (A,) each."""
         z = []
         for name, values in springs.items():
             mean, parameter = QUANTITIES[name].value(self), PARAMETERS[name]
@@ -167,18 +169,17 @@ QUANTITIES: dict[str, Quantity] = {
 """Quantities that results list, by name."""
 
 
-def drawn_feet(masses: int, rng: np.random.Generator) -> FloatArray:
-    """Friction of the feet of one robot as multiples of its mean friction, drawn foot by foot, shape (M,)."""
+def sample_feet(masses: int, rng: np.random.Generator) -> FloatArray:
+    """Friction of the feet of one robot as multiples of its mean friction, each sampled separately, shape
+    (M,)."""
     return np.exp(FOOT_SPREAD * rng.standard_normal(masses))
 
 
-def drawn_springs(
+def sample_springs(
     motors: int, springs: SpringParameters, rng: np.random.Generator
 ) -> tuple[SpringParameters, ...]:
     """The spring of each motor: the mean of two springs within their tolerances, one on each face."""
-    return tuple(
-        SpringParameters.mean([springs.perturbed(rng) for _ in range(_FACES)]) for _ in range(motors)
-    )
+    return tuple(SpringParameters.mean([springs.perturb(rng) for _ in range(_FACES)]) for _ in range(motors))
 
 
 def part_names(morphology: Morphology) -> tuple[str, ...]:
@@ -188,7 +189,7 @@ def part_names(morphology: Morphology) -> tuple[str, ...]:
     return (*strips, *springs)
 
 
-def robot_at(
+def perturb_robot(
     morphology: Morphology,
     nominal: RobotParameters,
     names: Sequence[str],
@@ -202,15 +203,16 @@ def robot_at(
     if len(common) == len(pairs):
         return whole
     strips = np.zeros(len(morphology.active))
-    apart = {name: np.zeros(morphology.motors) for name in SPRING_SPREADS}
+    differences = {name: np.zeros(morphology.motors) for name in SPRING_SPREADS}
     for name, value in pairs:
         kind, *which = name.split(" ")
         if kind == _STRIP:
             strips[int(which[0])] = STRIP_SPREAD * value
         elif kind == _SPRING:
             spread = SPRING_SPREADS[which[1]] / PARAMETERS[which[1]].spread
-            apart[which[1]] += spread * value * contrasts(morphology.motors)[int(which[0]) - 1]
-    return replace(whole, strips=strips, motor_names=tuple(apart), motor_z=np.array(list(apart.values())))
+            differences[which[1]] += spread * value * contrasts(morphology.motors)[int(which[0]) - 1]
+    motor_z = np.array(list(differences.values()))
+    return replace(whole, strips=strips, motor_names=tuple(differences), motor_z=motor_z)
 
 
 @cache

@@ -1,4 +1,15 @@
-"""Parameters of one two-way shape-memory spring and of the supply that heats it."""
+"""Parameters of one two-way shape-memory spring and of the supply that heats it; heat that it loses to air.
+
+Free convection of a long horizontal cylinder: Churchill and Chu, Int. J. Heat Mass Transfer 18 (1975) 1049,
+doi 10.1016/0017-9310(75)90222-7, at the mean of surface and air temperature. Air at 1 atm: Incropera and
+DeWitt, Fundamentals of Heat and Mass Transfer, table A.4; the same book expects such correlations to be right
+within about 20 %. For thin wires published measurements differ more (Morgan, Adv. Heat Transfer 11 (1975)
+199).
+
+The turns of a coil lie closer together than the layer of warm air around a thin wire is thick (a few
+millimetres). A coil then loses heat like a solid cylinder of its outer diameter (Langmuir, Phys. Rev. 34
+(1912) 401: why lamps have coiled filaments), which is less than the wire alone would lose.
+"""
 
 from __future__ import annotations
 
@@ -13,15 +24,33 @@ from pydantic import Field, NonNegativeFloat, PositiveFloat
 from eldir.core.arguments import require_value
 from eldir.core.records import FloatArray, Record, record
 
-_SPREAD = {
+_RELATIVE_SPREAD = {
     "heat_capacity": 0.03,
     "convection_fan": 0.04,
     "convection_still": 0.04,
     "latent_heat": 0.05,
 }
-_SHEAR = 0.376
+_MODULUS_RATIO = 0.376
 """Shear modulus over Young's modulus, 1 / 2 (1 + 0.33)."""
 _TRANSITIONS = {"austenite_start", "austenite_finish", "martensite_start", "martensite_finish"}
+CORRELATION_ERROR = 0.2
+"""Relative error of the correlations for still air."""
+EMISSIVITY, MIN_EMISSIVITY = 0.5, 0.2
+"""Thermal emissivity of the wire: assumed for its oxide, and, for margins, that of bright metal. The
+latter was measured, not on oxidised wire (Javed et al., Int. J. Thermophys. 45, doi
+10.1007/s10765-024-03433-0)."""
+_STEFAN_BOLTZMANN, _GRAVITY, _ZERO_C = 5.670e-8, 9.81, 273.15
+_MAX_TEMPERATURE = 2000.0
+"""The steady temperature is not computed beyond this [C]: such a spring is burnt."""
+_AIR = np.array(  # temperature [K], conductivity [W/(m K)], kinematic viscosity [m2/s], Prandtl number
+    [
+        [250.0, 0.0223, 11.44e-6, 0.720],
+        [300.0, 0.0263, 15.89e-6, 0.707],
+        [350.0, 0.0300, 20.92e-6, 0.700],
+        [400.0, 0.0338, 26.41e-6, 0.690],
+        [450.0, 0.0373, 32.39e-6, 0.686],
+    ]
+).T
 _Celsius = Annotated[float, Field(gt=-273.15)]
 
 
@@ -60,7 +89,7 @@ class SpringParameters(Record):
     """Convection coefficient with the fan on [W/(m2 K)]."""
     convection_still: PositiveFloat = 36.0
     """Convection coefficient in still air, radiation included [W/(m2 K)]: that of this wire, straight, at
-    60 C (`eldir.parameters.still_air`). A coil loses less."""
+    60 C (`wire_heat_transfer_coefficient`). A coil loses less."""
     fan: bool = True
     """Whether the fan is on."""
     ambient: _Celsius = 22.0
@@ -157,9 +186,10 @@ class SpringParameters(Record):
         (1948), for ends that turn freely; the formula of EN 13906-1 with the seating coefficient 1.
         """
         coil = np.maximum(length - self.ends, self.wire_diameter)
-        slender = 1.0 - (1.0 - _SHEAR) / (0.5 + _SHEAR) * (np.pi * self.coil_diameter / coil) ** 2
-        share = 0.5 / (1.0 - _SHEAR) * (1.0 - np.sqrt(np.maximum(slender, 0.0)))
-        return np.where(slender < 0, np.inf, share * coil)
+        ratio = _MODULUS_RATIO
+        root = 1.0 - (1.0 - ratio) / (0.5 + ratio) * (np.pi * self.coil_diameter / coil) ** 2
+        compression = 0.5 / (1.0 - ratio) * (1.0 - np.sqrt(np.maximum(root, 0.0)))
+        return np.where(root < 0, np.inf, compression * coil)
 
     def with_resistance(self, ohm: float) -> SpringParameters:
         """The same spring with a resistance measured at room temperature [Ohm]."""
@@ -177,7 +207,7 @@ class SpringParameters(Record):
         values: dict[str, Any] = {n: float(np.mean([getattr(s, n) for s in springs])) for n in names}
         return replace(springs[0], **values)
 
-    def perturbed(self, rng: np.random.Generator) -> SpringParameters:
+    def perturb(self, rng: np.random.Generator) -> SpringParameters:
         """Another spring of the same kind, each number off by at most two standard deviations.
 
         Standard deviations: 3 to 5 per cent of the thermal constants, 2 per cent of the resistance, 1 mm of
@@ -187,9 +217,80 @@ class SpringParameters(Record):
         def normal() -> float:
             return float(np.clip(rng.standard_normal(), -2.0, 2.0))
 
-        values = {n: getattr(self, n) * (1.0 + sigma * normal()) for n, sigma in _SPREAD.items()}
+        values = {n: getattr(self, n) * (1.0 + sigma * normal()) for n, sigma in _RELATIVE_SPREAD.items()}
         shift = normal()
         values |= {n: getattr(self, n) + shift for n in sorted(_TRANSITIONS)}
         values |= {n: getattr(self, n) + 1e-3 * normal() for n in ("cold_length", "hot_length")}
         other = replace(self, **values)
         return other.with_resistance(self.resistance * (1.0 + 0.02 * normal()))
+
+
+def free_convection(diameter: float, surface: float, ambient: float) -> float:
+    """Coefficient [W/(m2 K)] of a horizontal cylinder of this diameter [m]; temperatures in C."""
+    film = (surface + ambient) / 2 + _ZERO_C
+    conductivity, viscosity, prandtl = (float(np.interp(film, _AIR[0], row)) for row in _AIR[1:])
+    rayleigh = _GRAVITY / film * abs(surface - ambient) * diameter**3 / viscosity**2 * prandtl
+    shape = (1 + (0.559 / prandtl) ** (9 / 16)) ** (8 / 27)
+    nusselt: float = (0.60 + 0.387 * rayleigh ** (1 / 6) / shape) ** 2
+    return nusselt * conductivity / diameter
+
+
+def forced_convection(diameter: float, speed: float, surface: float, ambient: float) -> float:
+    """Coefficient [W/(m2 K)] of a cylinder of this diameter [m] across a stream of this speed [m/s].
+
+    Churchill and Bernstein, J. Heat Transfer 99 (1977) 300, doi 10.1115/1.3450685.
+    """
+    film = (surface + ambient) / 2 + _ZERO_C
+    conductivity, viscosity, prandtl = (float(np.interp(film, _AIR[0], row)) for row in _AIR[1:])
+    reynolds = speed * diameter / viscosity
+    slope = 0.62 * reynolds**0.5 * prandtl ** (1 / 3) / (1 + (0.4 / prandtl) ** (2 / 3)) ** 0.25
+    nusselt: float = 0.3 + slope * (1 + (reynolds / 282_000) ** 0.625) ** 0.8
+    return nusselt * conductivity / diameter
+
+
+def radiation(surface: float, ambient: float, emissivity: float) -> float:
+    """Coefficient [W/(m2 K)] of a surface that sees surroundings at ambient temperature [C]."""
+    hot, cold = surface + _ZERO_C, ambient + _ZERO_C
+    return emissivity * _STEFAN_BOLTZMANN * (hot + cold) * (hot**2 + cold**2)
+
+
+def wire_heat_transfer_coefficient(diameter: float, surface: float, ambient: float) -> float:
+    """Expected coefficient [W/(m2 K)] of a straight wire of this diameter [m] in still air."""
+    return free_convection(diameter, surface, ambient) + radiation(surface, ambient, EMISSIVITY)
+
+
+def min_heat_transfer_coefficient(springs: SpringParameters, surface: float) -> float:
+    """Smallest coefficient [W/(m2 K)] in still air that must be expected, related to the wire's surface.
+
+    The smaller one of the wire alone and of the coil as a solid cylinder, extended by half of its stroke: a
+    hot spring extends, but the robot loads it. Both with `CORRELATION_ERROR` less convection than the
+    correlation gives.
+    """
+    wire, ambient = springs.wire_diameter, springs.ambient
+    outer = springs.coil_diameter + wire
+    length = springs.turns * wire + abs(springs.hot_length - springs.cold_length) / 2
+    ratio = outer * length / (wire * springs.wire_length)  # of the wire's surface
+
+    def coefficient(diameter: float) -> float:
+        convection = (1 - CORRELATION_ERROR) * free_convection(diameter, surface, ambient)
+        return convection + radiation(surface, ambient, MIN_EMISSIVITY)
+
+    return min(coefficient(wire), coefficient(outer) * ratio)
+
+
+def max_still_air_temperature(springs: SpringParameters, power: float) -> float:
+    """Temperature [C] at which a spring with this heat [W] settles if it loses as little as possible."""
+    surface = np.pi * springs.wire_diameter * springs.wire_length
+    low, high = springs.ambient, springs.ambient + 1.0
+
+    def excess(temperature: float) -> float:
+        return power - min_heat_transfer_coefficient(springs, temperature) * surface * (
+            temperature - springs.ambient
+        )
+
+    while excess(high) > 0 and high < _MAX_TEMPERATURE:
+        low, high = high, springs.ambient + 2 * (high - springs.ambient)
+    while high - low > 1e-3:
+        middle = (low + high) / 2
+        low, high = (middle, high) if excess(middle) > 0 else (low, middle)
+    return high

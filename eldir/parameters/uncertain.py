@@ -91,12 +91,13 @@ PARAMETERS: dict[str, UncertainParameter] = {
         unobservable=True,
     ),
 }
-"""Uncertain parameters, by name. All others count as known."""
+"""Uncertain parameters, by name. All others are assumed to be known."""
 
 
-def parameters_of(printed: BuiltParameters, names: Sequence[str] = tuple(PARAMETERS)) -> tuple[str, ...]:
-    """Those of the named parameters that change a robot with these joints: only hubs have friction in
-    sockets."""
+def applicable_parameters(
+    printed: BuiltParameters, names: Sequence[str] = tuple(PARAMETERS)
+) -> tuple[str, ...]:
+    """The named parameters that change a robot with these joints: only hubs have friction in sockets."""
     absent = {field for field, value in printed.to_json().items() if value == 0}
     return tuple(n for n in names if not set(PARAMETERS[n].powers) <= absent)
 

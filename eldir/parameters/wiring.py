@@ -1,6 +1,6 @@
 """Which relay channel heats which spring of a printed robot: one map for packet, rig file and schedule.
 
-A motor is there twice, on the front and on the back face of the robot.
+Each motor has two springs, on the front and on the back face of the robot.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ Wiring = tuple[Connection, ...]
 
 
 def wiring(motors: int) -> Wiring:
-    """The map of a packet: motor after motor, the front face first.
+    """The wiring of a packet: motor after motor, the front face first.
 
     The channels of a motor do not depend on the number of motors.
     """
@@ -45,27 +45,27 @@ def wiring(motors: int) -> Wiring:
     )
 
 
-def for_motors(connections: Iterable[Connection], motors: int) -> Wiring:
+def select_motors(connections: Iterable[Connection], motors: int) -> Wiring:
     """The connections of the first motors, by channel; a rig may have channels for more."""
     return tuple(sorted(c for c in connections if c.spring < motors))
 
 
 def wiring_digest(connections: Iterable[Connection]) -> str:
-    """SHA-256 of a map, whatever its order, hexadecimal."""
+    """SHA-256 of a wiring, independent of its order, hexadecimal."""
     rows = [[c.channel, c.spring, c.face] for c in sorted(connections)]
     return hashlib.sha256(json.dumps(rows).encode()).hexdigest()
 
 
 def wiring_differences(rig: Iterable[Connection], packet: Iterable[Connection]) -> list[str]:
     """A sentence for each channel that heats one spring in the packet and another one on the rig."""
-    here, wanted = ({c.channel: c for c in connections} for connections in (rig, packet))
+    on_rig, in_packet = ({c.channel: c for c in connections} for connections in (rig, packet))
     return [
-        f"channel {n} heats {_words(wanted.get(n))} in the packet, {_words(here.get(n))} on the rig"
-        for n in sorted({*here, *wanted})
-        if here.get(n) != wanted.get(n)
+        f"channel {n} heats {_text(in_packet.get(n))} in the packet, {_text(on_rig.get(n))} on the rig"
+        for n in sorted({*on_rig, *in_packet})
+        if on_rig.get(n) != in_packet.get(n)
     ]
 
 
-def _words(connection: Connection | None) -> str:
+def _text(connection: Connection | None) -> str:
     """Such as "spring 1 back"."""
     return "nothing" if connection is None else f"spring {connection.spring} {connection.face}"

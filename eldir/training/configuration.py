@@ -9,15 +9,15 @@ import numpy as np
 from pydantic import Field
 
 from eldir.core.records import FloatArray, Record, record
+from eldir.defaults import OPTIMISER, UPDATE_LENGTHS, Optimiser
 from eldir.scene import Scene
-from eldir.training.defaults import OPTIMISER, UPDATE_LENGTHS, Optimiser
 
 DERIVED: Any = None
 """Default of a field that `__post_init__` derives from other fields."""
 _OF_SCENES: dict[str, dict[str, Any]] = {"released-main": {"jump_threshold": 1.0}}
-_LEAST_NORM = 1e-6  # keeps the gradient's norm from dividing by zero, as in the engine's kernel
+_MIN_NORM = 1e-6  # keeps the gradient's norm from dividing by zero, as in the engine's kernel
 _DECAY, _DECAY_SQUARE = 0.9, 0.999  # of Adam's two moving averages in one update
-_LEAST_ROOT = 1e-8
+_MIN_ROOT = 1e-8
 
 
 class Rule(Protocol):
@@ -35,7 +35,7 @@ class FixedLength:
 
     def update(self, gradient: FloatArray) -> FloatArray:
         """The update, which is subtracted from the weights, shape (weights,)."""
-        return self._length * gradient / (np.linalg.norm(gradient) + _LEAST_NORM)
+        return self._length * gradient / (np.linalg.norm(gradient) + _MIN_NORM)
 
 
 class Adam:
@@ -55,7 +55,7 @@ class Adam:
         self._updates += 1
         self._mean += (1 - _DECAY) * (gradient - self._mean)
         self._square += (1 - _DECAY_SQUARE) * (gradient * gradient - self._square)
-        scale = np.sqrt(self._square / (1 - _DECAY_SQUARE**self._updates)) + _LEAST_ROOT
+        scale = np.sqrt(self._square / (1 - _DECAY_SQUARE**self._updates)) + _MIN_ROOT
         return self._rate * self._mean / (1 - _DECAY**self._updates) / scale
 
 
@@ -63,8 +63,8 @@ _RULES: dict[Optimiser, type[FixedLength] | type[Adam]] = {"steps": FixedLength,
 
 
 @record
-class Training(Record):
-    """Configuration of learning: how controllers are taught, and which results are valid.
+class TrainingConfig(Record):
+    """Configuration of learning: how controllers are trained, and which results are valid.
 
     The loss and its gradient belong to the scene, and so does `Scene.window`.
     """
@@ -81,7 +81,7 @@ class Training(Record):
             object.__setattr__(self, "update_length", UPDATE_LENGTHS[self.optimiser])
 
     @classmethod
-    def of(cls, scene: Scene) -> Training:
+    def of(cls, scene: Scene) -> TrainingConfig:
         """The defaults of a scene's preset: "released-main" has a `jump_threshold` of 1 m, all others have
         the defaults of this class."""
         return cls(**_OF_SCENES.get(scene.name, {}))

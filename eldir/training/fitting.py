@@ -14,7 +14,7 @@ Example: find the stiffness of a robot and the friction of its ground from 0.4 s
     from eldir.rollout import simulate
     from eldir.scene import Scene
     from eldir.training.fitting import fit_physics
-    from eldir.training.initial import initial_controllers
+    from eldir.training.loop import initial_controllers
 
     scene = Scene.preset("paper").replace(contact="friction", steps=100, precision="f64")
     lattice = Lattice(6, 11)
@@ -35,12 +35,12 @@ import numpy as np
 from scipy.optimize import minimize
 
 from eldir.controller import Controller
-from eldir.core.arguments import require_known, require_number, require_shape, require_value
+from eldir.core.arguments import require_count, require_known, require_shape, require_value
 from eldir.core.records import BoolArray, FloatArray, Record
-from eldir.engine.stable_step import divided
+from eldir.engine.stable_step import subdivide_steps
 from eldir.morphology import Morphology
-from eldir.physics import GRIPPING, Physics, physics_of
-from eldir.rollout import by_substeps, check, chosen_of, fitting_memory, simulate
+from eldir.physics import GRIPPING, Physics, resolve_physics
+from eldir.rollout import check_controllers, group_by_substeps, select_from, simulate, split_by_memory
 from eldir.scene import Scene
 
 FIT_PARAMETERS = (
@@ -56,8 +56,8 @@ FIT_PARAMETERS = (
 _FACTORS = (0.1, 10.0)  # bounds of a factor
 _STEP = 1e-4  # of a logarithm, for standard errors
 _UNIDENTIFIABLE = 1e-6  # relative to the largest singular value
-_FAR = 1e6  # mean square distance of a robot that blew up [m2]
-_SMALL = 1e-14  # the fit ends at a smaller improvement, relative to the first sum of squares
+_DIVERGED = 1e6  # mean square distance of a robot that diverged [m2]
+_MIN_IMPROVEMENT = 1e-14  # the fit ends at a smaller improvement, relative to the first sum of squares
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +65,7 @@ class MotionGradient(Record):
     """The gradient of a function of the motion, for each of n robots."""
 
     losses: FloatArray
-    """The losses [m], shape (n,); infinite for a robot that blew up or was refused, whose gradients are
+    """The losses [m], shape (n,); infinite for a robot that diverged or was refused, whose gradients are
     zero."""
     controllers: tuple[Controller, ...]
     """The gradient with respect to each controller's weights."""
@@ -104,20 +104,27 @@ def motion_gradient(
     from eldir.engine import batch
 
     scene.require_controller()
-    check(morphologies, controllers)
-    owns = physics_of(morphologies, scene, physics)
+    check_controllers(morphologies, controllers)
+    owns = resolve_physics(morphologies, scene, physics)
     _check_cotangents(morphologies, scene, cotangents)
     losses = np.full(len(morphologies), np.inf)
     slopes = [b.scaled(0.0) for b in controllers]
     physical = [own.scaled(0.0) for own in owns]
-    for parts, chosen in by_substeps(morphologies, scene, owns):
-        finer = divided(scene, parts)
-        bodies, brains, own = chosen_of(chosen, morphologies, controllers, owns)
-        for part in fitting_memory(bodies, finer.steps):
+    for parts, chosen in group_by_substeps(morphologies, scene, owns):
+        finer = subdivide_steps(scene, parts)
+        bodies, brains, own = select_from(chosen, morphologies, controllers, owns)
+        for part in split_by_memory(bodies, finer.steps):
             here = chosen[part]
-            pulled = None if cotangents is None else [_between(cotangents[i], parts) for i in here]
+            spread = None
+            if cotangents is not None:
+                spread = [_spread_over_substeps(cotangents[i], parts) for i in here]
             outcome = batch.run_batch(
-                bodies[part], brains[part], finer, own[part], backward=True, physical=True, cotangents=pulled
+                bodies[part],
+                brains[part],
+                finer,
+                own[part],
+                config=batch.BatchConfig(backward=True, physics_gradients=True),
+                cotangents=spread,
             )
             losses[here] = outcome.losses[:, 0]
             trained = outcome.batch.controllers(outcome.best)
@@ -145,49 +152,74 @@ def fit_physics(
     shape.
     """
     _check_parameters(parameters, scene)
-    seen = np.isfinite(observed)
-    shape = (scene.steps + 1, *morphology.positions.shape)
-    require_shape("observed", observed.shape, shape)
-    require_value("observed", seen.any(), "some finite positions")
+    require_shape("observed", observed.shape, (scene.steps + 1, *morphology.positions.shape))
+    require_value("observed", np.isfinite(observed).any(), "some finite positions")
     scene = scene.replace(large_step="subdivide")
-    first = start if start is not None else Physics.of(morphology, scene)
-    parts = [_part(morphology, name) for name in parameters]
+    initial = start if start is not None else Physics.of(morphology, scene)
+    scaled = tuple(_scaled_values(morphology, name) for name in parameters)
+    problem = _FitProblem(morphology, controller, scene, observed, initial, scaled)
+    zeros = np.zeros(len(parameters))
+    unit = problem.mean_square(zeros)[0] or 1.0  # already there
+    found = minimize(
+        lambda z: tuple(v / unit for v in problem.mean_square(z)),
+        zeros,
+        jac=True,
+        method="L-BFGS-B",
+        bounds=[tuple(np.log(_FACTORS))] * len(parameters),
+        options={"ftol": _MIN_IMPROVEMENT, "gtol": 1e-10},
+    )
+    errors = _standard_errors(problem.derivatives(found.x), found.fun * unit / 2)
+    distance = float(np.sqrt(found.fun * unit))
+    return PhysicsFit(problem.physics(found.x), np.exp(found.x), errors, distance)
 
-    def scaled(logarithms: FloatArray) -> Physics:
-        own = first
-        for (name, which), factor in zip(parts, np.exp(logarithms), strict=True):
+
+@dataclass(frozen=True)
+class _FitProblem:
+    """Least squares: the logarithms of K factors for which a simulation is nearest to an observed motion."""
+
+    morphology: Morphology
+    controller: Controller
+    scene: Scene
+    observed: FloatArray
+    """Positions [m], shape (T + 1, M, 2), NaN where a mass was not seen."""
+    initial: Physics
+    scaled: tuple[tuple[str, BoolArray], ...]
+    """For each factor the field of `Physics` that it scales, and which of its values."""
+
+    def physics(self, logarithms: FloatArray) -> Physics:
+        """The initial physics times the factors."""
+        own = self.initial
+        for (name, which), factor in zip(self.scaled, np.exp(logarithms), strict=True):
             value = getattr(own, name)
             own = own.replace(
                 **{name: value * np.where(which, factor, 1.0) if np.ndim(value) else value * factor}
             )
         return own
 
-    def squares(logarithms: FloatArray) -> tuple[float, FloatArray]:
-        """Mean square distance [m2] and its gradient with respect to the logarithms of the factors."""
-        own = scaled(logarithms)
-        rollout = simulate([morphology], [controller], scene, [own])[0]
+    def mean_square(self, logarithms: FloatArray) -> tuple[float, FloatArray]:
+        """Mean square distance [m2] and its gradient with respect to the logarithms, shape (K,)."""
+        own, seen = self.physics(logarithms), np.isfinite(self.observed)
+        rollout = simulate([self.morphology], [self.controller], self.scene, [own])[0]
         if rollout.status >= 0:
-            return _FAR, np.zeros(len(parameters))
-        off = np.where(seen, rollout.positions - np.where(seen, observed, 0.0), 0.0)
+            return _DIVERGED, np.zeros(len(self.scaled))
+        off = np.where(seen, rollout.positions - np.where(seen, self.observed, 0.0), 0.0)
         cotangent = 4 * off / seen.sum()
-        (slope,) = motion_gradient([morphology], [controller], scene, [own], [cotangent]).physics
-        along = [np.sum(np.where(which, getattr(slope, n) * getattr(own, n), 0.0)) for n, which in parts]
-        return 2 * float((off**2).sum()) / seen.sum(), np.array(along)
+        found = motion_gradient([self.morphology], [self.controller], self.scene, [own], [cotangent])
+        (slope,) = found.physics
+        gradient = [
+            np.sum(np.where(which, getattr(slope, name) * getattr(own, name), 0.0))
+            for name, which in self.scaled
+        ]
+        return 2 * float((off**2).sum()) / seen.sum(), np.array(gradient)
 
-    unit = squares(np.zeros(len(parameters)))[0] or 1.0  # already there
-    found = minimize(
-        lambda z: tuple(v / unit for v in squares(z)),
-        np.zeros(len(parameters)),
-        jac=True,
-        method="L-BFGS-B",
-        bounds=[tuple(np.log(_FACTORS))] * len(parameters),
-        options={"ftol": _SMALL, "gtol": 1e-10},
-    )
-    sides = [scaled(found.x + sign * h) for h in _STEP * np.eye(len(parameters)) for sign in (1, -1)]
-    moved = simulate([morphology] * len(sides), [controller] * len(sides), scene, sides)
-    ends = np.array([r.positions[seen] for r in moved])
-    errors = _standard_errors((ends[::2] - ends[1::2]) / (2 * _STEP), found.fun * unit / 2)
-    return PhysicsFit(scaled(found.x), np.exp(found.x), errors, float(np.sqrt(found.fun * unit)))
+    def derivatives(self, logarithms: FloatArray) -> FloatArray:
+        """Derivatives of the N observed values [m] with respect to the logarithms, shape (K, N)."""
+        steps = _STEP * np.eye(len(self.scaled))
+        sides = [self.physics(logarithms + sign * step) for step in steps for sign in (1, -1)]
+        n = len(sides)
+        moved = simulate([self.morphology] * n, [self.controller] * n, self.scene, sides)
+        ends = np.array([rollout.positions[np.isfinite(self.observed)] for rollout in moved])
+        return (ends[::2] - ends[1::2]) / (2 * _STEP)
 
 
 def _standard_errors(slopes: FloatArray, square: float) -> FloatArray:
@@ -202,14 +234,14 @@ def _standard_errors(slopes: FloatArray, square: float) -> FloatArray:
     return np.sqrt(square * n / max(n - k, 1) * spread)
 
 
-def _part(body: Morphology, parameter: str) -> tuple[str, BoolArray]:
+def _scaled_values(body: Morphology, parameter: str) -> tuple[str, BoolArray]:
     """The field of `Physics` that a parameter scales, and which of its values."""
     if parameter.endswith(" stiffness"):
         return "stiffness", body.active if parameter.startswith("active") else ~body.active
     return parameter.replace(" ", "_"), np.array(True)
 
 
-def _between(cotangent: FloatArray, parts: int) -> FloatArray:
+def _spread_over_substeps(cotangent: FloatArray, parts: int) -> FloatArray:
     """The same cotangents where every step is divided: zero between the scene's steps."""
     finer = np.zeros(((len(cotangent) - 1) * parts + 1, *cotangent.shape[1:]))
     finer[::parts] = cotangent
@@ -229,7 +261,7 @@ def _check_cotangents(
     require_value("Scene.window", scene.window is None, whole, scene.window)
     if cotangents is None:
         return
-    require_number("cotangents", len(cotangents), len(bodies))
+    require_count("cotangents", len(cotangents), len(bodies))
     for i, (body, cotangent) in enumerate(zip(bodies, cotangents, strict=True)):
         wanted = (scene.steps + 1, *body.positions.shape)
         require_shape(f"cotangents of robot {i}", np.shape(cotangent), wanted)

@@ -3,26 +3,77 @@
 In every iteration the sampler gives the physics of one or more robots with the same body, the engine gives
 the loss and the gradient of each, and the rule moves the weights against the mean gradient. Without domain
 randomisation and with updates of fixed length, the engine's kernel does all of this itself: `train` chooses
-that fast path, and a test holds it to the loop.
+that fast path, and a test holds it to the loop. Each robot's random initial weights come from its own seed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from eldir.controller import Controller
+from eldir.core.arguments import require_count, require_whole_number
 from eldir.core.records import FloatArray, IntArray
-from eldir.engine.stable_step import divided
+from eldir.engine.stable_step import subdivide_steps
+from eldir.engine.threads import for_each
 from eldir.morphology import Morphology
 from eldir.physics import Physics
-from eldir.rollout import FINE, REFUSED, by_substeps, chosen_of, in_steps
+from eldir.rollout import OK, REFUSED, group_by_substeps, scene_step, select_from
 from eldir.scene import Scene
-from eldir.training.configuration import Training
-from eldir.training.initial import Key
-from eldir.training.randomisation import Randomisation
+from eldir.training.configuration import TrainingConfig
+
+Key = tuple[int, ...]
+"""Seed of the random initial weights of one robot."""
+
+
+def initial_controllers(
+    morphologies: Sequence[Morphology], scene: Scene, seed: int | Sequence[int]
+) -> list[Controller]:
+    """Random weights, each robot's from its own seed."""
+    n = len(morphologies)
+    keys = make_seed_keys(n, seed)
+    require_count("seeds", len(keys), n)
+    return list(InitialControllers(morphologies, scene, keys))
+
+
+class InitialControllers(Sequence[Controller]):
+    """`initial_of` each robot, made when it is read: those of thousands of robots need not exist together."""
+
+    def __init__(self, morphologies: Sequence[Morphology], scene: Scene, origins: Sequence[Controller | Key]):
+        self._morphologies, self._scene, self._origins = morphologies, scene, origins
+
+    def __len__(self) -> int:
+        return len(self._morphologies)
+
+    def __getitem__(self, r: Any) -> Any:
+        return make_initial_controller(self._morphologies[r], self._scene, self._origins[r])
+
+    def __iter__(self) -> Iterator[Controller]:
+        return iter(for_each(self.__getitem__, len(self)))
+
+
+def make_seed_keys(n: int, seed: int | Sequence[int]) -> list[Key]:
+    """The key of each robot: (seed, index), or the robot's own seed. Raises `InputError` for no seed."""
+    if isinstance(seed, Sequence | np.ndarray):
+        return [(require_whole_number("seed of a robot", own, 0),) for own in seed]
+    common = require_whole_number("seed", seed, 0)
+    return [(common, i) for i in range(n)]
+
+
+def make_initial_controller(body: Morphology, scene: Scene, origin: Controller | Key) -> Controller:
+    """The given controller, or random weights from its key."""
+    if isinstance(origin, Controller):
+        return origin
+    return Controller.random(
+        len(body.positions),
+        body.motors,
+        np.random.default_rng(origin),
+        released_springs=len(body.springs) if scene.weights == "released" else None,
+    )
+
 
 Sampler = Callable[[int, int], Sequence[Physics]]
 """The physics over which update `k` of robot `r` takes the mean: `sample(r, k)`, as many for every robot."""
@@ -36,11 +87,11 @@ class TrainingResult:
 
     losses: FloatArray
     """Losses before the first and after each update [m], shape (n, iterations + 1): the mean over the sampled
-    physics, infinite from the update at which one of these robots blew up."""
+    physics, infinite from the update at which one of these robots diverged."""
     controllers: list[Controller]
     """The controller with the least loss, of each robot."""
     status: IntArray
-    """Status of each robot: -1, or the step at which it blew up, shape (n,)."""
+    """Status of each robot: -1, or the step at which it diverged, shape (n,)."""
 
 
 def train(
@@ -48,34 +99,25 @@ def train(
     initial: Sequence[Controller],
     physics: Sequence[Physics],
     scene: Scene,
-    training: Training,
+    training: TrainingConfig,
     iterations: int,
-    randomisation: Randomisation | None = None,
-    keys: Sequence[Key] = (),
+    sample: Sampler | None = None,
 ) -> TrainingResult:
-    """Teach robots, by the engine's kernel where it can. With `randomisation`, physics are drawn from it for
-    every robot and update, from the robot's key; otherwise they are the given ones."""
-    if training.optimiser == "steps" and randomisation is None:
-        return in_kernel(bodies, initial, physics, scene, training, iterations)
-    if randomisation is None:
-        return descend(bodies, initial, scene, training, iterations, lambda r, k: [physics[r]])
-    drawn = randomisation
-    return descend(
-        bodies,
-        initial,
-        scene,
-        training,
-        iterations,
-        lambda r, k: drawn.draws_of(bodies[r], scene, keys[r], k),
-    )
+    """Train robots, by the engine's kernel where it can. Physics are those of `sample`, for every robot and
+    update; without it they are the given ones."""
+    if sample is not None:
+        return descend(bodies, initial, scene, training, iterations, sample)
+    if training.optimiser == "steps":
+        return train_in_kernel(bodies, initial, physics, scene, training, iterations)
+    return descend(bodies, initial, scene, training, iterations, lambda r, k: [physics[r]])
 
 
-def in_kernel(
+def train_in_kernel(
     bodies: Sequence[Morphology],
     initial: Sequence[Controller],
     physics: Sequence[Physics],
     scene: Scene,
-    training: Training,
+    training: TrainingConfig,
     iterations: int,
 ) -> TrainingResult:
     """The same as `descend` with updates of fixed length and one physics for each robot, but all iterations
@@ -84,7 +126,11 @@ def in_kernel(
 
     length = training.update_length
     outcome = batch.run_batch(
-        bodies, initial, scene, physics, iterations=iterations, update_length=length, backward=True
+        bodies,
+        initial,
+        scene,
+        physics,
+        config=batch.BatchConfig(iterations=iterations, update_length=length, backward=True),
     )
     return TrainingResult(outcome.losses, outcome.batch.controllers(outcome.best), outcome.status)
 
@@ -93,15 +139,15 @@ def descend(
     bodies: Sequence[Morphology],
     initial: Sequence[Controller],
     scene: Scene,
-    training: Training,
+    training: TrainingConfig,
     iterations: int,
     sample: Sampler,
     visit: Visit = lambda update, robot, controller: None,
 ) -> TrainingResult:
-    """Gradient descent, one call of the engine for each iteration. A robot that blew up learns no more."""
+    """Gradient descent, one call of the engine for each iteration. A robot that diverged learns no more."""
     n, initial = len(bodies), list(initial)
     kind = np.float32 if scene.precision == "f32" else np.float64  # what the engine computes in
-    losses, status = np.full((n, iterations + 1), np.inf), np.full(n, FINE, np.int32)
+    losses, status = np.full((n, iterations + 1), np.inf), np.full(n, OK, np.int32)
     weights, best = [c.flat for c in initial], list(initial)
     rules = [training.rule(len(w)) for w in weights]
     learning = list(range(n))
@@ -110,22 +156,22 @@ def descend(
         owns = {r: sample(r, k) for r in learning}
         for r in learning:
             visit(k, r, brains[r])
-        found, slopes, stopped = _evaluate(
+        found, gradients, stopped = _evaluate(
             [bodies[r] for r in learning for _ in owns[r]],
             [brains[r] for r in learning for _ in owns[r]],
             scene,
             [own for r in learning for own in owns[r]],
         )
-        draws = len(found) // len(learning)
-        losses[learning, k] = found.reshape(-1, draws).mean(axis=1)
+        samples = len(found) // len(learning)
+        losses[learning, k] = found.reshape(-1, samples).mean(axis=1)
         for i, r in enumerate(learning):
-            drawn = slice(i * draws, (i + 1) * draws)
-            status[r] = _first(stopped[drawn])
+            own = slice(i * samples, (i + 1) * samples)
+            status[r] = _first_divergence(stopped[own])
             if losses[r, k] < losses[r, :k].min(initial=np.inf):
                 best[r] = brains[r]
-            gradient = np.mean([s.flat for s in slopes[drawn]], axis=0)
+            gradient = np.mean([s.flat for s in gradients[own]], axis=0)
             weights[r] = weights[r] - rules[r].update(gradient)
-        learning = [r for r in learning if status[r] == FINE]
+        learning = [r for r in learning if status[r] == OK]
         if not learning:
             break
     return TrainingResult(losses, best, status)
@@ -139,17 +185,19 @@ def _evaluate(
 
     losses, status = np.full(len(bodies), np.inf), np.full(len(bodies), REFUSED, np.int32)
     gradients = [b.scaled(0.0) for b in brains]
-    for parts, chosen in by_substeps(bodies, scene, physics):
-        some, controllers, owns = chosen_of(chosen, bodies, brains, physics)
-        outcome = batch.run_batch(some, controllers, divided(scene, parts), owns, backward=True)
+    for parts, chosen in group_by_substeps(bodies, scene, physics):
+        some, controllers, owns = select_from(chosen, bodies, brains, physics)
+        outcome = batch.run_batch(
+            some, controllers, subdivide_steps(scene, parts), owns, config=batch.BatchConfig(backward=True)
+        )
         losses[chosen] = outcome.losses[:, 0]
-        status[chosen] = [in_steps(step, parts) for step in outcome.status]
+        status[chosen] = [scene_step(step, parts) for step in outcome.status]
         for i, gradient in zip(chosen, outcome.batch.controllers(outcome.best), strict=True):
             gradients[i] = gradient
     return losses, gradients, status
 
 
-def _first(status: IntArray) -> int:
-    """The status of several robots with one body: the first step at which one of them blew up."""
-    stopped = status[status != FINE]
-    return int(stopped.min()) if len(stopped) else FINE
+def _first_divergence(status: IntArray) -> int:
+    """The status of several robots with one body: the first step at which one of them diverged."""
+    stopped = status[status != OK]
+    return int(stopped.min()) if len(stopped) else OK

@@ -9,11 +9,11 @@ from collections.abc import Callable
 from itertools import count
 from typing import Protocol
 
-_LONGEST_NAP = 0.05  # [s]; so that a signal's handler runs soon
+_MAX_SLEEP = 0.05  # so that signal handlers run soon [s]
 EMULATED_PATIENCE = 0.4
-"""How long to wait for an emulated board beyond the time on the wire [s]: a busy computer delays it too.
+"""Extra time for the answer of an emulated board, which a busy computer delays [s].
 
-Less than the 0.6 s after which a guardian that waits counts as hung itself.
+It is less than the 0.6 s after which a waiting guardian counts as hung.
 """
 
 
@@ -21,7 +21,7 @@ class Clock(Protocol):
     """A clock that never runs backwards."""
 
     patience: float
-    """How long to wait for an answer beyond its time on the wire, in seconds of real time."""
+    """Extra time for an answer, beyond its time on the wire [s of real time]."""
 
     def now(self) -> float:
         """Time since an arbitrary start [s]."""
@@ -29,14 +29,14 @@ class Clock(Protocol):
     def sleep_until(self, t: float) -> None:
         """Wait until `t`; return at once if it has passed."""
 
-    def meet(self, t: float) -> None:
-        """Wait until exactly `t`, which must be near: this is a busy wait."""
+    def spin_until(self, t: float) -> None:
+        """Wait until exactly `t` in a busy loop; `t` must be near."""
 
-    def at(self, t: float, action: Callable[[float], None]) -> None:
-        """Call `action(t)` when time reaches `t`, in some thread."""
+    def call_at(self, t: float, action: Callable[[float], None]) -> None:
+        """Call `action(t)` when time reaches `t`, in another thread."""
 
     def follower(self) -> Clock:
-        """The same time for a user that must not delay it, such as an emulated board."""
+        """The same clock for a user that must not move it, such as an emulated board."""
 
 
 class WallClock:
@@ -51,13 +51,13 @@ class WallClock:
 
     def sleep_until(self, t: float) -> None:
         while (left := t - time.monotonic()) > 0:
-            time.sleep(min(left, _LONGEST_NAP))
+            time.sleep(min(left, _MAX_SLEEP))
 
-    def meet(self, t: float) -> None:
+    def spin_until(self, t: float) -> None:
         while time.monotonic() < t:
             pass
 
-    def at(self, t: float, action: Callable[[float], None]) -> None:
+    def call_at(self, t: float, action: Callable[[float], None]) -> None:
         timer = threading.Timer(t - time.monotonic(), action, [t])
         timer.daemon = True
         timer.start()
@@ -67,44 +67,44 @@ class WallClock:
 
 
 class VirtualClock:
-    """Moves only when its one leader sleeps. Actions that are due on the way run then, in order of time."""
+    """A clock that moves only while its one leader sleeps; actions run in order of time meanwhile."""
 
-    patience = 1.0  # costs no virtual time, and a busy machine must not look like a dead board
+    patience = 1.0  # in real time, so that a busy computer does not look like a silent board
 
     def __init__(self) -> None:
         self._now = 0.0
-        self._due: list[tuple[float, int, Callable[[float], None]]] = []
-        self._tie = count()
+        self._actions: list[tuple[float, int, Callable[[float], None]]] = []
+        self._order = count()
         self._barriers: list[Callable[[], None]] = []
 
     def now(self) -> float:
         return self._now
 
-    def at(self, t: float, action: Callable[[float], None]) -> None:
+    def call_at(self, t: float, action: Callable[[float], None]) -> None:
         """Call `action(t)` when time reaches `t`, in the leader's thread."""
-        heapq.heappush(self._due, (max(t, self._now), next(self._tie), action))
+        heapq.heappush(self._actions, (max(t, self._now), next(self._order), action))
 
-    def before_moving(self, barrier: Callable[[], None]) -> None:
-        """Wait for `barrier()` each time before time moves, such as until bytes have arrived."""
+    def add_barrier(self, barrier: Callable[[], None]) -> None:
+        """Call `barrier()` each time before time moves, for example to wait for bytes."""
         self._barriers.append(barrier)
 
     def sleep_until(self, t: float) -> None:
         for barrier in self._barriers:
             barrier()
-        while self._due and self._due[0][0] <= t:
-            when, _, action = heapq.heappop(self._due)
+        while self._actions and self._actions[0][0] <= t:
+            when, _, action = heapq.heappop(self._actions)
             self._now = max(self._now, when)
             action(when)
         self._now = max(self._now, t)
 
-    def meet(self, t: float) -> None:
+    def spin_until(self, t: float) -> None:
         self.sleep_until(t)
 
     def follower(self) -> Clock:
-        return _Follower(self)
+        return _FollowerClock(self)
 
 
-class _Follower:
+class _FollowerClock:
     patience = VirtualClock.patience
 
     def __init__(self, leader: VirtualClock):
@@ -114,13 +114,13 @@ class _Follower:
         return self._leader.now()
 
     def sleep_until(self, t: float) -> None:
-        """Does not wait: the leader alone moves a virtual clock."""
+        """Return at once: only the leader moves a virtual clock."""
 
-    def meet(self, t: float) -> None:
-        """Does not wait either."""
+    def spin_until(self, t: float) -> None:
+        """Return at once, too."""
 
-    def at(self, t: float, action: Callable[[float], None]) -> None:
-        self._leader.at(t, action)
+    def call_at(self, t: float, action: Callable[[float], None]) -> None:
+        self._leader.call_at(t, action)
 
     def follower(self) -> Clock:
         return self

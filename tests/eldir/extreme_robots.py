@@ -9,7 +9,7 @@ import numpy as np
 from eldir.controller import Controller
 from eldir.lattice import Lattice
 from eldir.morphology import Morphology
-from eldir.rollout import FINE, simulate
+from eldir.rollout import OK, simulate
 from eldir.scene import SOFTENING, Scene
 from tests.eldir.engine.random_robots import one, triangles_at
 
@@ -57,4 +57,4 @@ def hovering(body: Morphology) -> Morphology:
 def grows(body: Morphology, scene: Scene) -> bool:
     """Whether what was shaken by 1e-7 m shakes more after some seconds of weightlessness."""
     (rollout,) = simulate([body], [silent(body)], scene)
-    return rollout.status != FINE or bool(np.abs(rollout.positions[-1] - rollout.positions[0]).max() > 1e-3)
+    return rollout.status != OK or bool(np.abs(rollout.positions[-1] - rollout.positions[0]).max() > 1e-3)

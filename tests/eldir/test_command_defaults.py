@@ -6,12 +6,11 @@ from typing import Any, get_args, get_type_hints
 
 import typer
 
+from eldir.defaults import GENERATIONS, LATTICE, POPULATION, Crossover, Optimiser
 from eldir.design import Variant
-from eldir.evolution.defaults import GENERATIONS, LATTICE, POPULATION, Crossover
 from eldir.evolution.search import EvolutionConfig
 from eldir.learning import learn
-from eldir.training.configuration import Training
-from eldir.training.defaults import Optimiser
+from eldir.training.configuration import TrainingConfig
 from eldir_app.commands.coupon import coupon
 from eldir_app.commands.evolve import evolve
 from eldir_app.commands.packet import packet
@@ -67,11 +66,11 @@ def test_evolve_fills_the_configuration_with_its_own_defaults():
 
 def test_choices_of_evolve_are_those_of_the_configuration():
     hints = get_type_hints(evolve)
-    assert hints["optimiser"] == get_type_hints(Training)["optimiser"] == Optimiser
+    assert hints["optimiser"] == get_type_hints(TrainingConfig)["optimiser"] == Optimiser
     assert hints["crossover"] == get_type_hints(EvolutionConfig)["crossover"] == Crossover
     help_of = {p.name: p.help for p in typer.main.get_command(_app(evolve)).params}
     for optimiser in get_args(Optimiser):
-        assert f"{Training(optimiser).update_length:g}" in help_of["update_length"]
+        assert f"{TrainingConfig(optimiser).update_length:g}" in help_of["update_length"]
 
 
 def test_shortlist_packet_and_coupon_have_the_defaults_of_what_they_call():
@@ -80,7 +79,7 @@ def test_shortlist_packet_and_coupon_have_the_defaults_of_what_they_call():
     assert options(shortlist) == shared | {
         "top": default_of(rank, "top"),
         "seed": default_of(rank, "seed"),
-        "scene": default_of(rank, "known"),
+        "scene": default_of(rank, "scene"),
     }
     variant = Variant()
     assert options(packet) == shared | {

@@ -12,7 +12,7 @@ from eldir.design import Ballast, Design, Variant
 from eldir.errors import EldirError, InputError
 from eldir.scene import Scene
 from eldir.terrain import Terrain
-from eldir.training.configuration import Training
+from eldir.training.configuration import TrainingConfig
 from tests.eldir.random_design import make_design
 from tests.paths import DATA, SCHEMAS
 from tests.raised import raises
@@ -61,8 +61,8 @@ def test_a_design_of_an_older_version_means_the_same():
     assert found.variant.to_json() == was["variant"] and found.variant.ballast is not None
     assert found.marks.tolist() == was["marks"]
     assert found.ballast[was["variant"]["ballast"]["mass"]] == found.ballast.sum() == pytest.approx(9e-3)
-    training = Training.from_json(found.provenance["training"])
-    assert training == Training("adam")
+    training = TrainingConfig.from_json(found.provenance["training"])
+    assert training == TrainingConfig("adam")
     assert found.scene == Scene.from_json(values["scene"])
     assert found.scene.window == 100
     again = json.loads(json.dumps(found.to_json()))

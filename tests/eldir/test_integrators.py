@@ -7,7 +7,7 @@ import pytest
 
 from eldir.controller import Controller
 from eldir.engine.stable_step import stable_step
-from eldir.rollout import FINE, loss_and_gradient, simulate
+from eldir.rollout import OK, loss_and_gradient, simulate
 from eldir.scene import Scene
 from eldir.terrain import Terrain
 from tests.eldir.engine.random_robots import SMALL, WEIGHTS, like, moved, norm, robots
@@ -99,7 +99,7 @@ def test_the_largest_step_of_each(integrator: str, damping: float) -> None:
 
 def _again(body, sides: list[Controller], scene: Scene):
     rollouts = simulate([body] * len(sides), sides, scene)
-    assert all(r.status == FINE for r in rollouts)
+    assert all(r.status == OK for r in rollouts)
     return rollouts
 
 

@@ -13,7 +13,7 @@ from eldir.morphology import Morphology, develop
 from eldir.physics import Physics
 from eldir.rollout import loss_and_gradient
 from eldir.scene import Scene
-from eldir.training.configuration import Training
+from eldir.training.configuration import TrainingConfig
 from tests.eldir.engine import twin
 from tests.raised import raises
 
@@ -78,7 +78,7 @@ def test_a_window_as_long_as_the_rollout_changes_nothing():
 
 def test_adam_follows_its_definition():
     """Kingma and Ba, Algorithm 1, written out with powers instead of running averages."""
-    training = Training("adam", 0.2)
+    training = TrainingConfig("adam", 0.2)
     bodies, brains = robots(3, 5)
     found = learn(bodies, SCENE, 4, controllers=brains, training=training)
     for r, (body, brain) in enumerate(zip(bodies, brains, strict=True)):
@@ -98,7 +98,7 @@ def test_adam_follows_its_definition():
 
 
 def test_adam_depends_neither_on_company_nor_on_robots_that_blow_up():
-    scene, training = SCENE.replace(steps=40), Training("adam", 0.2)
+    scene, training = SCENE.replace(steps=40), TrainingConfig("adam", 0.2)
     bodies, brains = robots(3, 6)
     brains[1] = brains[1].scaled(1e4)
     together = learn(bodies, scene, 3, controllers=brains, training=training)

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from eldir.design import marked_masses, rear_path
 from eldir.genotype import Genotype, random_genotypes
 from eldir.lattice import Lattice
-from eldir.marks import marked_masses, rear_path
 from eldir.morphology import Morphology, develop
 
 

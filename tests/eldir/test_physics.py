@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from eldir.controller import Controller
+from eldir.defaults import Optimiser
 from eldir.errors import EldirError, InputError
 from eldir.learning import learn
 from eldir.physics import Physics
 from eldir.rollout import REFUSED, loss_and_gradient, simulate
 from eldir.scene import Scene
-from eldir.training.configuration import Training
-from eldir.training.defaults import Optimiser
+from eldir.training.configuration import TrainingConfig
 from tests.eldir.engine.random_robots import SMALL, WEIGHTS, robots
 from tests.eldir.engine.twin import paper_rollout
 from tests.eldir.random_physics import PAPER, RUGGED, drawn
@@ -47,7 +47,7 @@ def test_robots_of_their_own_physics_move_as_the_twin(name: str) -> None:
 def test_one_physics_for_all_is_a_scene(integrator: str, optimiser: Optimiser) -> None:
     """The same bytes, in company of robots with other physics."""
     scene = PAPER.replace(steps=80, precision="f32", integrator=integrator)
-    training = Training(optimiser, 0.2)
+    training = TrainingConfig(optimiser, 0.2)
     other = scene.replace(damping=9.0, gravity=-9.81, stiffness=2e4)
     bodies, brains = robots(SMALL, 3, 5, scene)
     owns = [Physics.of(b, scene).replace(damping=9.0, gravity=-9.81, stiffness=2e4) for b in bodies]

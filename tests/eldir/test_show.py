@@ -10,8 +10,8 @@ import pytest
 import typer
 
 from eldir.core.pictures import MOTOR_LONG, MOTOR_SHORT
+from eldir.design import marked_masses
 from eldir.errors import EldirError, InputError
-from eldir.marks import marked_masses
 from eldir.show import Drawing, frames, picture, placed
 from eldir_app.commands.show import show
 from eldir_hardware.images.video import write_webm

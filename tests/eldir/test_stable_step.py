@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eldir.engine.stable_step import _bounds, _largest_eigenvalue, stable, stable_step, substeps
+from eldir.engine.stable_step import eigenvalue_bounds, is_stable, largest_eigenvalue, stable_step, substeps
 from eldir.errors import EldirError
 from eldir.genotype import random_genotypes
 from eldir.lattice import Lattice
 from eldir.learning import initial_controllers, learn
 from eldir.morphology import Bodies, develop
-from eldir.physics import Physics, physics_of
-from eldir.rollout import FINE, REFUSED, Rollout, loss_and_gradient, simulate
+from eldir.physics import Physics, resolve_physics
+from eldir.rollout import OK, REFUSED, Rollout, loss_and_gradient, simulate
 from eldir.scene import Scene
 from eldir.terrain import Terrain
 from tests.eldir.extreme_robots import extreme, grows, hovering, silent
@@ -38,14 +38,14 @@ def test_the_bound_bounds_and_the_presets_pass_by_it() -> None:
     lattice = Lattice()
     bodies = [develop(lattice, g) for g in random_genotypes(lattice, 20, np.random.default_rng(1))]
     for body in bodies:
-        assert 5.3 < _largest_eigenvalue(body, Physics.of(body, PAPER)) / PAPER.stiffness < 6.0
+        assert 5.3 < largest_eigenvalue(body, Physics.of(body, PAPER)) / PAPER.stiffness < 6.0
     bodies += [extreme(n) for n in EXTREME]
-    physics = physics_of(bodies, PAPER, None)
-    for body, own, bound in zip(bodies, physics, _bounds(Bodies(bodies), physics), strict=True):
-        assert _largest_eigenvalue(body, own) <= bound * (1 + 1e-12)
+    physics = resolve_physics(bodies, PAPER, None)
+    for body, own, bound in zip(bodies, physics, eigenvalue_bounds(Bodies(bodies), physics), strict=True):
+        assert largest_eigenvalue(body, own) <= bound * (1 + 1e-12)
     # By the bound alone, so that no eigenvalue is ever computed for them.
     for preset in ("paper", "released-rss", "released-main"):
-        assert stable(bodies, Scene.preset(preset)).all()
+        assert is_stable(bodies, Scene.preset(preset)).all()
 
 
 def test_a_step_that_is_too_large_for_all_is_refused_with_the_numbers() -> None:
@@ -61,11 +61,11 @@ def test_a_step_that_is_too_large_for_all_is_refused_with_the_numbers() -> None:
 def test_a_robot_that_is_refused_does_not_touch_the_others() -> None:
     soft, stiff = extreme("triangle"), extreme("lattice")
     scene = PAPER.replace(dt=0.0055, steps=60)  # between their limits
-    assert stable([soft, stiff], scene).tolist() == [True, False]
+    assert is_stable([soft, stiff], scene).tolist() == [True, False]
     bodies = [stiff, soft, stiff]
     brains = initial_controllers(bodies, scene, 1)
     rollouts = simulate(bodies, brains, scene)
-    assert [r.status for r in rollouts] == [REFUSED, FINE, REFUSED]
+    assert [r.status for r in rollouts] == [REFUSED, OK, REFUSED]
     assert rollouts[1] == simulate([soft], brains[1:2], scene)[0]
     assert np.isnan(rollouts[0].positions).all() and rollouts[0].loss == np.inf
     assert rollouts[0].activations.shape == (60, stiff.motors)
@@ -73,7 +73,7 @@ def test_a_robot_that_is_refused_does_not_touch_the_others() -> None:
     assert np.isfinite(losses).tolist() == [False, True, False] and not gradients[0].w1.any()
     assert gradients[1].w1.any()
     trained = learn(bodies, scene, 2, controllers=brains)
-    assert trained.status.tolist() == [REFUSED, FINE, REFUSED]
+    assert trained.status.tolist() == [REFUSED, OK, REFUSED]
     assert np.isinf(trained.losses[[0, 2]]).all() and np.isfinite(trained.losses[1]).all()
     assert trained.controllers[0] == brains[0] and trained.controllers[1] != brains[1]
 
@@ -85,7 +85,7 @@ def test_steps_are_divided_where_the_scene_says_so() -> None:
     assert substeps(bodies, scene).tolist() == [parts, 1, parts]
     brains = initial_controllers(bodies, scene, 1)
     rollouts = simulate(bodies, brains, scene)
-    assert [r.status for r in rollouts] == [FINE] * 3
+    assert [r.status for r in rollouts] == [OK] * 3
     assert rollouts[1] == simulate([soft], brains[1:2], scene.replace(large_step="refuse"))[0]
     (finer,) = simulate([stiff], brains[:1], scene.replace(dt=0.0055 / parts, steps=60 * parts))
     assert rollouts[0].positions.tobytes() == finer.positions[::parts].tobytes()
@@ -129,17 +129,17 @@ def test_no_nan_leaves_the_engine_unflagged(terrain: str, precision: str) -> Non
         assert flagged(rollout) and (losses[i] == rollout.loss)
         assert all(np.isfinite(getattr(gradient, k)).all() for k in ("w1", "b1", "w2", "b2"))
     assert rollouts[len(EXTREME)].status == 0
-    assert [r.status for r in rollouts[:7]] == [FINE] * 7
+    assert [r.status for r in rollouts[:7]] == [OK] * 7
     alone = [simulate([b], [c], scene)[0] for b, c in zip(bodies, brains, strict=True)]
     assert all(same(a, b) for a, b in zip(rollouts, alone, strict=True))
 
 
 def flagged(rollout: Rollout) -> bool:
-    last = rollout.status if rollout.status != FINE else len(rollout.positions) - 1
+    last = rollout.status if rollout.status != OK else len(rollout.positions) - 1
     sound = (
         np.isfinite(rollout.positions[: last + 1]).all() and np.isfinite(rollout.velocities[: last + 1]).all()
     )
-    return bool(sound and np.isfinite(rollout.loss) == (rollout.status == FINE))
+    return bool(sound and np.isfinite(rollout.loss) == (rollout.status == OK))
 
 
 def same(a: Rollout, b: Rollout) -> bool:
@@ -166,6 +166,6 @@ def test_landing_exactly_at_a_corner(precision: str) -> None:
     scene = PAPER.replace(terrain=ridge, precision=precision, steps=400, large_step="run")
     (rollout,) = simulate([inverted], [silent(inverted)], scene)
     losses, (gradient,) = loss_and_gradient([inverted], [silent(inverted)], scene)
-    assert rollout.status == FINE and np.isfinite(losses).all() and np.isfinite(gradient.w1).all()
+    assert rollout.status == OK and np.isfinite(losses).all() and np.isfinite(gradient.w1).all()
     under = scene.terrain.height(rollout.positions[..., 0]) - rollout.positions[..., 1]
     assert under.max() < 1e-6 and np.abs(under).min() < 1e-6  # it landed, and nothing sank

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from eldir.built.gait import Gait, free_lengths
-from eldir.built.heat import SpringState, heat, time_to
+from eldir.built.heat import SpringState, heat, heating_time
 from eldir.built.robot import build
 from eldir.built.walking import walk
 from eldir.errors import InputError
@@ -18,8 +18,8 @@ from eldir.learning import learn, learning_paths
 from eldir.morphology import develop
 from eldir.parameters.springs import SpringParameters
 from eldir.scene import Scene
-from eldir.training.configuration import Training
-from eldir.training.initial import keys_of
+from eldir.training.configuration import TrainingConfig
+from eldir.training.loop import make_seed_keys
 from eldir.training.randomisation import Randomisation
 from eldir.trajectory import Trajectory
 from tests.raised import raises
@@ -43,7 +43,7 @@ WRONG: dict[str, tuple[Callable[[], object], str, str]] = {
     "half an iteration": (lambda: learn([BODY], SCENE, 1.5), VALUE, "iterations"),
     "no step kept": (lambda: learning_paths(BODY, SCENE, 1, 0, every=0), VALUE, "every"),
     "paths of -1": (lambda: learning_paths(BODY, SCENE, -1, 0), VALUE, "iterations"),
-    "no draw": (lambda: Randomisation(ZEROS, SQUARE, 0.0, draws=0), f"{RANDOM}.wrong-value", "draws"),
+    "no draw": (lambda: Randomisation(ZEROS, SQUARE, 0.0, samples=0), f"{RANDOM}.wrong-value", "samples"),
     "centre": (lambda: Randomisation(ZEROS + np.inf, SQUARE, 0.0), f"{RANDOM}.inconsistent", "centre"),
     "covariance": (
         lambda: Randomisation(ZEROS, SQUARE * np.nan, 0.0),
@@ -63,13 +63,13 @@ WRONG: dict[str, tuple[Callable[[], object], str, str]] = {
     ),
     "no step": (lambda: heat(np.ones((1, 1)), 0.0, SPRING), VALUE, "dt"),
     "step back": (lambda: heat(np.ones((1, 1)), -0.1, SPRING), VALUE, "dt"),
-    "no temperature": (lambda: time_to(np.nan, SPRING), VALUE, "temperature"),
-    "no limit": (lambda: time_to(1e9, SPRING, np.inf), VALUE, "limit"),
+    "no temperature": (lambda: heating_time(np.nan, SPRING), VALUE, "temperature"),
+    "no limit": (lambda: heating_time(1e9, SPRING, np.inf), VALUE, "limit"),
     "terrain": (lambda: Scene().replace(terrain="rugged"), "scene.wrong-value", "terrain"),
     "new terrain": (lambda: Scene(terrain="rugged"), "scene.wrong-value", "terrain"),
     "built": (lambda: Scene().replace(built="hubs"), "scene.wrong-value", "built"),
-    "update": (lambda: Training(update_length="x"), "training.wrong-value", "update_length"),
-    "jump": (lambda: Training(jump_threshold=[0.5]), "training.wrong-value", "jump_threshold"),
+    "update": (lambda: TrainingConfig(update_length="x"), "training.wrong-value", "update_length"),
+    "jump": (lambda: TrainingConfig(jump_threshold=[0.5]), "training.wrong-value", "jump_threshold"),
     "ballast": (lambda: build(BODY, ballast=np.ones(3)), SHAPE, "ballast"),
     "ballast of -1": (lambda: build(BODY, ballast=-1.0), VALUE, "ballast"),
     "ballast of nan": (lambda: build(BODY, ballast=np.nan), VALUE, "ballast"),
@@ -92,6 +92,6 @@ def test_a_wrong_argument_gets_one_line(name: str) -> None:
 
 
 def test_whole_numbers_of_numpy_are_as_good() -> None:
-    assert keys_of(2, np.int64(3)) == [(3, 0), (3, 1)] == keys_of(2, 3)
-    assert keys_of(2, np.array([3, 4])) == [(3,), (4,)] == keys_of(2, [np.uint8(3), 4])
-    assert type(Randomisation(ZEROS, SQUARE, 0.0, draws=np.int64(2)).draws) is int
+    assert make_seed_keys(2, np.int64(3)) == [(3, 0), (3, 1)] == make_seed_keys(2, 3)
+    assert make_seed_keys(2, np.array([3, 4])) == [(3,), (4,)] == make_seed_keys(2, [np.uint8(3), 4])
+    assert type(Randomisation(ZEROS, SQUARE, 0.0, samples=np.int64(2)).samples) is int

@@ -16,7 +16,7 @@ from eldir.core.yaml_files import parse_yaml
 from eldir_app.commands.rig import rig as command
 from eldir_hardware.clock import WallClock
 from eldir_hardware.emulator.board import EmulatedBoard
-from eldir_hardware.rig.boards import emulator_of
+from eldir_hardware.rig.devices import get_emulator
 from eldir_hardware.rig.template import virtual_rig
 from tests.forked_programs import Forked
 
@@ -34,7 +34,7 @@ with Guardian(Rig.load(sys.argv[1])) as bank, bank.armed():
 @contextmanager
 def emulated(kind: str, channels: int = 4) -> Iterator[EmulatedBoard]:
     """An emulated board on a pseudo-terminal."""
-    board = emulator_of(kind)(channels, WallClock())
+    board = get_emulator(kind)(channels, WallClock())
     board.start()
     try:
         yield board
@@ -83,6 +83,15 @@ def each_once(many: Sequence[object], few: Sequence[object]) -> list:
     all, are enough for every change; the others are stress tests."""
     return [
         pytest.param(one, other, marks=[] if i == 0 or j == i % len(few) else pytest.mark.stress)
+        for i, one in enumerate(many)
+        for j, other in enumerate(few)
+    ]
+
+
+def in_turn(many: Sequence[object], few: Sequence[object]) -> list:
+    """All pairs. Each of the first has one of the second, in turn; the others are stress tests."""
+    return [
+        pytest.param(one, other, marks=[] if j == i % len(few) else pytest.mark.stress)
         for i, one in enumerate(many)
         for j, other in enumerate(few)
     ]

@@ -9,7 +9,7 @@ import numpy as np
 from eldir.core.yaml_files import parse_yaml
 from eldir_hardware.planning.compiler import compile_schedule
 from eldir_hardware.rig.configuration import Rig
-from eldir_hardware.rig.sections import calibration_of
+from eldir_hardware.rig.sections import calibration_entry
 from eldir_hardware.rig.template import virtual_rig
 
 
@@ -28,7 +28,7 @@ def rig_with(**changes: object) -> Rig:
 
 def measured(**springs: object) -> dict[str, object]:
     """Values of `springs` as `eldir calibrate springs` writes them."""
-    return springs | {"calibration": calibration_of(springs)}
+    return springs | {"calibration": calibration_entry(springs)}
 
 
 def gait(phase=(0.0, 0.5), duty=(0.275, 0.275), period=20.0) -> SimpleNamespace:

@@ -5,9 +5,9 @@ import re
 
 from eldir.core.yaml_files import parse_yaml
 from eldir.errors import InputError
-from eldir_app.catalogue.notes import notes_file, read_notes, write_notes
+from eldir_app.catalogue.facts import notes_file, read_notes, write_notes
 from eldir_hardware.rig.configuration import Rig
-from eldir_hardware.safety.schedule_digests import rig_digests, schedule_digest
+from eldir_hardware.safety.compatibility import rig_digests, schedule_digest
 from eldir_hardware.schedule import ActuationSchedule
 from tests.paths import ROOT
 

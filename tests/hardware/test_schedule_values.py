@@ -40,7 +40,7 @@ def test_the_range_of_every_value(name, allowed, refused, told):
     for value in allowed:
         assert getattr(replace(SCHEDULE, **{name: value}), name) == value
     for value in refused:
-        with pytest.raises(InputError, match=rf"ActuationSchedule\.{told} is wrong"):
+        with pytest.raises(InputError, match=rf"invalid ActuationSchedule\.{told}"):
             replace(SCHEDULE, **{name: value})
 
 
@@ -57,7 +57,7 @@ def test_the_range_of_every_value(name, allowed, refused, told):
     ],
 )
 def test_values_of_an_event_that_are_refused(name, value):
-    with pytest.raises(InputError, match=rf"Event\.{name} is wrong"):
+    with pytest.raises(InputError, match=rf"invalid Event\.{name}"):
         event(**{name: value})
 
 
@@ -90,7 +90,7 @@ def test_events_that_are_refused(events, told):
 
 def test_the_shortest_period():
     assert ActuationSchedule(0.1, events=()).period_s == 0.1
-    with pytest.raises(InputError, match=r"period_s is wrong; .* 0\.1"):
+    with pytest.raises(InputError, match=r"invalid ActuationSchedule\.period_s; .* 0\.1"):
         ActuationSchedule(0.0999, events=())
 
 

@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import yaml
 
-from eldir.built.scene import BuiltScene
+from eldir.built.scene import PrintedScene
 from eldir.design import Design
 from eldir.errors import EldirError
 from eldir.evolution.designs import open_run
@@ -32,18 +32,18 @@ from eldir.evolution.run_folder import RunFolder
 from eldir.evolution.search import EvolutionConfig
 from eldir.lattice import Lattice
 from eldir.trajectory import Trajectory
-from eldir_cad.kit.data_files import own_data
-from eldir_cad.kit.defaults import PRINTER
+from eldir_cad.kit import PRINTER
+from eldir_cad.kit.dimensions import kit_file
 from eldir_cad.kit.printer import load_printer
 from eldir_cad.kit.specification import load_specification
 from eldir_cad.packet.wiring_file import read_wiring
-from eldir_calibration.identification.spring_record import load_recording
+from eldir_calibration.identification.spring_record import load_spring_recording
 from eldir_hardware.camera.lens import Lens
 from eldir_hardware.camera.plane import Plane, TagBoard
 from eldir_hardware.log.reader import read_log
 from eldir_hardware.log.recorder import Recorder
 from eldir_hardware.log.recover import recover_log
-from eldir_hardware.rig.board_hints import read_board_hints
+from eldir_hardware.rig._board_hints import read_board_hints
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.template import real_rig, virtual_rig
 from eldir_hardware.schedule import ActuationSchedule
@@ -167,10 +167,10 @@ FORMATS: dict[str, Format] = {
     "schedule": Format(
         _saved("schedule.json", SCHEDULE.save), lambda p: ActuationSchedule.load(p).pulses(), _json
     ),
-    "scene, format 1": Format(_file("scene.json", _SCENE), BuiltScene.load, _json),
+    "scene, format 1": Format(_file("scene.json", _SCENE), PrintedScene.load, _json),
     "scene": Format(
-        _saved("scene.json", lambda p: BuiltScene.load(DATA / "built-scene-1.json").save(p)),
-        BuiltScene.load,
+        _saved("scene.json", lambda p: PrintedScene.load(DATA / "built-scene-1.json").save(p)),
+        PrintedScene.load,
         _json,
     ),
     "virtual rig": Format(_file("rig.yaml", virtual_rig(3, "design.json")), Rig.load, _yaml),
@@ -180,9 +180,9 @@ FORMATS: dict[str, Format] = {
         lambda p: read_board_hints(p.read_bytes()),
         _yaml,
     ),
-    "parts": Format(_file("parts.yaml", own_data("parts.yaml").read_bytes()), load_specification, _yaml),
+    "parts": Format(_file("parts.yaml", kit_file("parts.yaml").read_bytes()), load_specification, _yaml),
     "printer": Format(
-        _file("printer.yaml", own_data(f"{PRINTER}.yaml").read_bytes()),
+        _file("printer.yaml", kit_file(f"{PRINTER}.yaml").read_bytes()),
         lambda p: load_printer(str(p)),
         _yaml,
     ),
@@ -218,7 +218,7 @@ FORMATS: dict[str, Format] = {
         _file("wiring.csv", "spring,face,relay_channel\n0,front,1\n0,back,2\n1,front,3\n"),
         lambda p: read_wiring(p.parent),
     ),
-    "recording of a spring": Format(_saved("spring.csv", _recording), load_recording),
+    "recording of a spring": Format(_saved("spring.csv", _recording), load_spring_recording),
     "run": Format(
         _run(lambda p: RunFolder.create(p, _PAPER)), lambda p: open_run(p.parent).config.lattice, _json
     ),

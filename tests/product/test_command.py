@@ -1,9 +1,12 @@
-"""The command as a user meets it: a real process for each call."""
+"""The command as a user meets it, in real processes."""
 
+import json
 import os
 import signal
 import subprocess
 import sys
+from collections.abc import Sequence
+from pathlib import Path
 
 import pytest
 import typer
@@ -19,6 +22,31 @@ def eldir(*arguments: str, **options) -> subprocess.CompletedProcess:
         [sys.executable, "-m", "eldir", *map(str, arguments)],
         capture_output=True, text=True, timeout=120, check=False, **options,
     )  # fmt: skip
+
+
+ONE_AFTER_ANOTHER = """
+import contextlib, io, json, sys
+from eldir_app.main import main
+results = []
+for words in json.loads(sys.argv[1]):
+    sys.argv[1:] = words
+    said = io.StringIO()
+    with contextlib.redirect_stderr(said):
+        try:
+            main()
+        except SystemExit as end:
+            results.append([words, end.code, "", said.getvalue()])
+print(json.dumps(results))
+"""
+
+
+def one_after_another(calls: Sequence[Sequence[str]], folder: Path) -> list[subprocess.CompletedProcess]:
+    """Calls of the command in one process: loading what it needs takes longer than all that it then does."""
+    words = [sys.executable, "-c", ONE_AFTER_ANOTHER, json.dumps(calls)]
+    done = subprocess.run(words, cwd=folder, capture_output=True, text=True, timeout=120, check=True)
+    results = [subprocess.CompletedProcess(*result) for result in json.loads(done.stdout)]
+    assert len(results) == len(calls) and done.stderr == ""
+    return results
 
 
 def assert_one_line(result: subprocess.CompletedProcess, status: int, *words: str) -> None:
@@ -78,9 +106,8 @@ def test_without_arguments_the_help_is_all_that_is_said(words):
     assert lines[0].startswith(" ".join(("Usage: eldir", *words))) and "Commands:" in lines
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [
+def test_a_missing_file_is_one_line(tmp_path):
+    calls = [
         ("packet", "none.json", "--out", "packet"),
         ("show", "none.json", "--out", "picture.png"),
         ("report", "none.mcap", "--design", "none.json", "--out", "report"),
@@ -88,29 +115,24 @@ def test_without_arguments_the_help_is_all_that_is_said(words):
         ("shortlist", "none", "--out", "list"),
         ("transfer", "none.json", "--out", "transfer"),
         ("gait", "none.json", "--rig", "none.yaml", "--out", "schedule.json"),
-    ],
-    ids=lambda a: a[0],
-)
-def test_a_missing_file_is_one_line(tmp_path, arguments):
-    assert_one_line(eldir(*arguments, cwd=tmp_path), 1, "none")
+    ]
+    for result in one_after_another(calls, tmp_path):
+        assert_one_line(result, 1, "none")
     assert list(tmp_path.iterdir()) == []
 
 
-def test_what_exists_is_not_overwritten(tmp_path):
-    make_design().save(tmp_path / "design.json")
-    (tmp_path / "out").mkdir()
-    (tmp_path / "out" / "mine").write_text("kept")
-    for arguments in (("demo",), ("evolve",), ("packet", "design.json")):
-        result = eldir(*arguments, "--out", "out", cwd=tmp_path)
-        assert_one_line(result, 1, "out", "exists")
-    assert (tmp_path / "out" / "mine").read_text() == "kept"
-
-
-def test_a_place_that_cannot_be_written_is_named(tmp_path):
+def test_what_exists_is_not_overwritten_and_a_place_that_cannot_be_written_is_named(tmp_path):
     make_design().save(tmp_path / "design.json")
     (tmp_path / "file").write_text("")
-    result = eldir("packet", "design.json", "--out", "file/packet", cwd=tmp_path)
-    assert_one_line(result, 1, "file/packet")
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "mine").write_text("kept")
+    taken = [(*words, "--out", "out") for words in (("demo",), ("evolve",), ("packet", "design.json"))]
+    impossible = ("packet", "design.json", "--out", "file/packet")
+    *refused, unwritten = one_after_another([*taken, impossible], tmp_path)
+    for result in refused:
+        assert_one_line(result, 1, "out", "exists")
+    assert_one_line(unwritten, 1, "file/packet")
+    assert (tmp_path / "out" / "mine").read_text() == "kept"
 
 
 def test_the_help_of_the_right_command_is_named():

@@ -14,39 +14,37 @@ import pytest
 import yaml
 from rosbags.highlevel import AnyReader
 
-from eldir.design import Design
-from eldir.marks import marked_masses
+from eldir.design import Design, marked_masses
 from eldir_app.catalogue.comparison import compared_run
 from eldir_app.catalogue.index import Index
 from eldir_app.catalogue.runs import find_runs
-from eldir_app.demo import Demo, folder_size
+from eldir_app.demo import DemoResult, folder_size
 from eldir_cad.packet.folder import write_packet
-from eldir_hardware.planning.plan import plan
+from eldir_hardware.planning.plan import PlanConfig, plan
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.virtual.rig import BodyFrame
 from tests.installed_wheel import installation
 from tests.paths import ROOT, SCHEMAS
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(3600)]
+pytestmark = [pytest.mark.slow(120), pytest.mark.timeout(3600)]
 
-SEED, SAMPLES, CYCLES = 5, 4, 2
+SEED, SAMPLES, CYCLES = 1, 2, 1
 CIRCLE = f"""
 import pickle
 from pathlib import Path
-from eldir_app.demo import run_demo
+from eldir_app.demo import DemoConfig, run_demo
 truth = []
-found = run_demo(
-    Path("demo"), {SEED}, population=4, generations=0, at_most=0, finalists=1, samples={SAMPLES},
-    cycles={CYCLES}, see=truth.append,
-)
+config = DemoConfig({SEED}, population=4, min_generations=0, max_generations=0, finalists=1,
+    samples={SAMPLES}, cycles={CYCLES})
+found = run_demo(Path("demo"), config, on_frame=truth.append)
 Path("found.pickle").write_bytes(pickle.dumps((found, truth)))
 """
 
 
 @pytest.fixture(scope="module")
-def circle(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Demo, list[BodyFrame]]:
-    """A population too small to walk far, and two cycles; all else is as in `eldir demo`. The wheel plays it,
-    in an environment that holds nothing else, outside the checkout."""
+def circle(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, DemoResult, list[BodyFrame]]:
+    """A population too small to walk far, two samples, one cycle; the rest is as in `eldir demo`. The wheel
+    plays it, in an environment that holds nothing else, outside the checkout."""
     folder = tmp_path_factory.mktemp("circle")
     result = installation(tmp_path_factory).run("python", "-c", CIRCLE, folder=folder)
     assert result.returncode == 0, result.stderr
@@ -54,7 +52,7 @@ def circle(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Demo, list[B
     return folder / "demo", found, truth
 
 
-def test_every_stage_leaves_its_file(circle: tuple[Path, Demo, list[BodyFrame]]) -> None:
+def test_every_stage_leaves_its_file(circle: tuple[Path, DemoResult, list[BodyFrame]]) -> None:
     out, _, _ = circle
     assert {p.name for p in out.iterdir()} == {
         "run", "shortlist", "design.json", "packet", "rig.yaml", "schedule.json", "log.mcap",
@@ -68,7 +66,7 @@ def test_every_stage_leaves_its_file(circle: tuple[Path, Demo, list[BodyFrame]])
     assert schedule["provenance"]["design"] == "design.json" and schedule["cycles"] == CYCLES
 
 
-def test_the_report_tells_three_motions(circle: tuple[Path, Demo, list[BodyFrame]]) -> None:
+def test_the_report_tells_three_motions(circle: tuple[Path, DemoResult, list[BodyFrame]]) -> None:
     out, found, _ = circle
     report = json.loads((out / "report" / "report.json").read_text())
     jsonschema.validate(report, json.loads((SCHEMAS / "report.schema.json").read_text()))
@@ -86,7 +84,7 @@ def test_the_report_tells_three_motions(circle: tuple[Path, Demo, list[BodyFrame
 
 
 def test_the_catalogue_tells_what_the_report_says(
-    circle: tuple[Path, Demo, list[BodyFrame]], tmp_path: Path
+    circle: tuple[Path, DemoResult, list[BodyFrame]], tmp_path: Path
 ) -> None:
     out, _, _ = circle
     report = json.loads((out / "report" / "report.json").read_text())
@@ -105,7 +103,7 @@ def test_the_catalogue_tells_what_the_report_says(
     assert compared.motion.displacement() == pytest.approx(told["tracked"], abs=1e-8)
 
 
-def test_one_wiring_from_packet_to_report(circle: tuple[Path, Demo, list[BodyFrame]]) -> None:
+def test_one_wiring_from_packet_to_report(circle: tuple[Path, DemoResult, list[BodyFrame]]) -> None:
     out, _, _ = circle
     with (out / "packet" / "wiring.csv").open() as file:
         packet = {(int(r["relay_channel"]), int(r["spring"]), r["face"]) for r in csv.DictReader(file)}
@@ -121,7 +119,7 @@ def test_one_wiring_from_packet_to_report(circle: tuple[Path, Demo, list[BodyFra
     assert report["as_packet"]
 
 
-def test_the_camera_tells_where_the_body_truly_was(circle: tuple[Path, Demo, list[BodyFrame]]) -> None:
+def test_the_camera_tells_where_the_body_truly_was(circle: tuple[Path, DemoResult, list[BodyFrame]]) -> None:
     """Independent: the truth comes from the body, the tracks from the pictures through the tags."""
     out, found, truth = circle
     design = Design.load(out / "design.json")
@@ -136,7 +134,7 @@ def test_the_camera_tells_where_the_body_truly_was(circle: tuple[Path, Demo, lis
     assert np.ptp(true[:, :, 0], axis=0).max() > 3e-3, "the body has to move for this to mean anything"
 
 
-def test_the_log_is_read_by_ros_tools(circle: tuple[Path, Demo, list[BodyFrame]]) -> None:
+def test_the_log_is_read_by_ros_tools(circle: tuple[Path, DemoResult, list[BodyFrame]]) -> None:
     with AnyReader([circle[0] / "log.mcap"]) as reader:
         types = {c.msgtype for c in reader.connections}
         assert "sensor_msgs/msg/CompressedImage" in types and "sensor_msgs/msg/Temperature" in types
@@ -144,7 +142,7 @@ def test_the_log_is_read_by_ros_tools(circle: tuple[Path, Demo, list[BodyFrame]]
             reader.deserialize(raw, connection.msgtype)
 
 
-def test_the_example_reads_the_log(circle: tuple[Path, Demo, list[BodyFrame]]) -> None:
+def test_the_example_reads_the_log(circle: tuple[Path, DemoResult, list[BodyFrame]]) -> None:
     example = ROOT / "examples" / "read_log.py"
     call = [sys.executable, str(example), str(circle[0] / "log.mcap")]
     said = subprocess.run(call, capture_output=True, text=True, check=True).stdout
@@ -152,12 +150,12 @@ def test_the_example_reads_the_log(circle: tuple[Path, Demo, list[BodyFrame]]) -
 
 
 def test_packet_and_schedule_come_out_the_same_again(
-    circle: tuple[Path, Demo, list[BodyFrame]], tmp_path: Path
+    circle: tuple[Path, DemoResult, list[BodyFrame]], tmp_path: Path
 ) -> None:
     out, _, _ = circle
     design = Design.load(out / "design.json")
     write_packet(design, tmp_path / "packet")
-    schedule = plan(design, Rig.load(out / "rig.yaml"), seed=SEED, samples=SAMPLES, cycles=CYCLES)
+    schedule = plan(design, Rig.load(out / "rig.yaml"), PlanConfig(seed=SEED, samples=SAMPLES, cycles=CYCLES))
     schedule.save(tmp_path / "schedule.json")
     for again in (tmp_path / "packet", tmp_path / "schedule.json"):
         assert _bytes(again) == _bytes(out / again.name)

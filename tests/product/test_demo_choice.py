@@ -5,12 +5,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from eldir.design import marked_masses
 from eldir.errors import EldirError
 from eldir.evolution.printed.archive import Archive, Niche, Walker
 from eldir.evolution.printed.search import PrintedSearch
 from eldir.genotype import random_genotypes
 from eldir.lattice import Lattice
-from eldir.marks import marked_masses
 from eldir.morphology import develop
 from eldir_app.demo import choose_design, walks_well
 from eldir_cad.shortlist.ranking import Shortlist
@@ -43,8 +43,10 @@ BODIES = bodies()
 )
 def test_marks_are_a_preference_among_those_that_walk_nearly_as_far(ranked, chosen):
     candidates = tuple(
-        SimpleNamespace(spread=SimpleNamespace(worth=worth), design=SimpleNamespace(morphology=BODIES[marks]))
-        for worth, marks in ranked
+        SimpleNamespace(
+            spread=SimpleNamespace(fitness=fitness), design=SimpleNamespace(morphology=BODIES[marks])
+        )
+        for fitness, marks in ranked
     )
     assert choose_design(Shortlist(candidates, 9, {})) is candidates[chosen]
 

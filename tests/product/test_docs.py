@@ -6,6 +6,7 @@ import pkgutil
 import re
 import tomllib
 from collections.abc import Iterator
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ import jsonschema
 import pytest
 import typer
 
+from eldir.built import walking
 from eldir_app.application import GROUP, application
 from tests.paths import NODES, PACKAGES, ROOT
 
@@ -45,6 +47,12 @@ def test_links_to_headings_lead_somewhere_on_a_forge_too(page: Path) -> None:
             assert heading in _anchors(other), target
 
 
+@cache
+def _everything() -> Any:
+    """The command with all below it; making it takes as long as reading ten pages."""
+    return typer.main.get_command(application())
+
+
 def _anchors(page: Path) -> list[str]:
     """Targets of a page's headings as a forge makes them."""
     headings = re.findall(r"^#+ +(.+?)\s*$", FENCE.sub("", page.read_text()), re.MULTILINE)
@@ -54,9 +62,8 @@ def _anchors(page: Path) -> list[str]:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: str(p.relative_to(ROOT)))
 def test_commands_that_pages_name_exist(page: Path) -> None:
-    everything = typer.main.get_command(application())
     for line in CALL.findall(page.read_text()):
-        command = everything
+        command = _everything()
         words = line.split()
         while hasattr(command, "commands") and words and re.fullmatch("[a-z]+", words[0]):
             assert words[0] in command.commands, f"eldir {line}"
@@ -77,8 +84,9 @@ def test_what_pages_import_is_there(page: Path) -> None:
 
 
 @pytest.mark.parametrize("page", ["built", "python", "test-doubles"])
-def test_examples_of_a_page_run(page: str) -> None:
-    """All Python of these reference pages, one block after the other."""
+def test_examples_of_a_page_run(page: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """All Python of these reference pages, block after block; of a walk one cycle counts, not five."""
+    monkeypatch.setattr(walking.walk, "__kwdefaults__", {"cycles": 1})
     code = "\n".join(PYTHON.findall((ROOT / "docs" / "reference" / f"{page}.md").read_text()))
     exec(compile(code, page, "exec"), {})
 
@@ -134,7 +142,7 @@ def test_runs_and_designs_describe_the_same_scene() -> None:
 
 def test_the_readme_lists_every_command() -> None:
     listed = set(re.findall(r"^\| `eldir ([a-z]+)`", (ROOT / "README.md").read_text(), re.MULTILINE))
-    assert listed == set(typer.main.get_command(application()).commands)
+    assert listed == set(_everything().commands)
 
 
 def test_every_page_is_listed() -> None:

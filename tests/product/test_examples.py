@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from eldir.built import samples, screening, walking
 from tests.paths import ROOT
 
 pytestmark = pytest.mark.slow
@@ -35,7 +36,11 @@ def test_every_example_is_known_and_short() -> None:
 def test_examples_run(
     path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """As the main program, but of this process: each would load the engine and its kernels anew."""
+    """As the main program, but of this process: each would load the engine and its kernels anew. One cycle of
+    printed robots counts, not five."""
+    monkeypatch.setattr(samples, "CYCLES", 1)
+    monkeypatch.setattr(screening, "CYCLES", 1)
+    monkeypatch.setattr(walking.walk, "__kwdefaults__", {"cycles": 1})
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     monkeypatch.chdir(tmp_path)
     runpy.run_path(str(path), run_name="__main__")

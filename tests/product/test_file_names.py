@@ -37,14 +37,14 @@ def eldir(*arguments: object, shell: str = 'exec "$@"') -> subprocess.CompletedP
 
 
 @pytest.fixture
-def odd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def odd(tmp_path: Path) -> Path:
     """A folder whose name is not UTF-8."""
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     (tmp_path / ODD).mkdir()
     return tmp_path / ODD
 
 
-def test_runs_are_listed_and_kept(odd: Path) -> None:
+def test_runs_are_listed_and_kept(odd: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(odd.parent / "cache"))
     record(odd / "one.mcap")
     record(odd.parent / "two.mcap", hours=1)
     for _ in range(2):  # the second time from the index

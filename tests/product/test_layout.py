@@ -4,6 +4,8 @@ Which room may import which is held by the import contracts in pyproject.toml (`
 """
 
 import ast
+import runpy
+import sys
 from collections import Counter
 
 import grimp
@@ -26,6 +28,21 @@ def test_every_room_says_what_lives_there_and_what_does_not() -> None:
         if path.name == "__init__.py":
             said = ast.get_docstring(ast.parse(path.read_text())) or ""
             assert len([line for line in said.splitlines() if line.strip()]) >= 2, path
+
+
+def test_a_module_is_on_the_python_pages_or_its_name_begins_with_an_underscore(monkeypatch) -> None:
+    """In every room that has a public module."""
+    monkeypatch.setattr(sys, "path", [str(ROOT / "docs" / "site"), *sys.path])
+    public = runpy.run_path(str(ROOT / "docs" / "site" / "python_pages.py"))["MODULES"]
+    modules = {
+        ".".join((top, *path.relative_to(folder).with_suffix("").parts))
+        for top, folder in PACKAGES.items()
+        for path in folder.rglob("*.py")
+    }
+    assert set(public) <= modules
+    rooms = {module.rpartition(".")[0] for module in public}
+    neighbours = {module for module in modules if module.rpartition(".")[0] in rooms}
+    assert sorted(m for m in neighbours - set(public) if not m.rpartition(".")[2].startswith("_")) == []
 
 
 def test_imports_between_what_stands_side_by_side_in_eldir_are_half_of_what_they_were() -> None:

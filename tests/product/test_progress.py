@@ -2,7 +2,7 @@
 
 import pytest
 
-from eldir_app.terminal import progress
+from eldir_app import progress
 
 
 class Time:
@@ -21,7 +21,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Time:
 
 
 def test_a_line_per_stage_and_every_ten_seconds(clock: Time, capsys: pytest.CaptureFixture[str]) -> None:
-    with progress.bar(note="fitting: minutes") as shown:
+    with progress.progress_bar(note="fitting: minutes") as shown:
         task = shown.add_task("reading", total=1.0)
         for second in range(40):
             clock.now = float(second)
@@ -41,8 +41,8 @@ def test_a_line_per_stage_and_every_ten_seconds(clock: Time, capsys: pytest.Capt
 
 
 def test_a_stage_that_is_over_is_not_told_again(clock: Time, capsys: pytest.CaptureFixture[str]) -> None:
-    with progress.bar() as shown:
-        show = progress.stages(shown)
+    with progress.progress_bar() as shown:
+        show = progress.show_stages(shown)
         for second, stage in enumerate(["evolving", "choosing", "driving", "tracking"]):
             for tenth in range(50):
                 clock.now = 5.0 * second + tenth / 10
@@ -53,7 +53,7 @@ def test_a_stage_that_is_over_is_not_told_again(clock: Time, capsys: pytest.Capt
 
 
 def test_short_work_says_nothing(clock: Time, capsys: pytest.CaptureFixture[str]) -> None:
-    with progress.bar() as shown:
+    with progress.progress_bar() as shown:
         task = shown.add_task("driving", total=None)
         for tenth in range(20):
             clock.now = tenth / 10

@@ -105,7 +105,7 @@ def test_the_emergency_stop_takes_the_option_and_its_short_way(words, tmp_path):
     assert result.returncode == 0, result.stderr
     found = lines(result)
     assert {program for _, program, _, _ in found} == {"eldir rig off"}, "the way that loads no other command"
-    off = [text for _, _, module, text in found if module == "eldir_hardware.safety.unlocked_port"]
+    off = [text for _, _, module, text in found if module == "eldir_hardware.safety.off_frames"]
     assert off[0].startswith(f"to {board.port}: a0 01 00 a1")
 
 

@@ -4,7 +4,7 @@ import threading
 import time
 
 from eldir_ros.conversions.board import BoardState
-from eldir_ros.remote.remote_bank import CUT, END, RemoteBank
+from eldir_ros.remote.remote_bank import ABORT, END_OF_RUN, RemoteBank
 
 RUN = "a run"
 
@@ -19,7 +19,7 @@ class Board:
     def __init__(self, armed=True):
         self.skew, self.slow, self.deaf, self.obeyed = 0.0, 0.0, False, 0
         self.armed, self.closed, self.dead, self.stopped, self.welded = armed, (), False, "", False
-        self.told: list[int] = []
+        self.commands: list[int] = []
         self.pulses: list[dict[int, float]] = []
         self.delays: list[float] = []
         self.missing: tuple[str, ...] = ()
@@ -31,19 +31,19 @@ class Board:
     def new_bank(self):
         return RemoteBank(self, RUN, lambda: self.missing, lambda: self.stopped)
 
-    def send_command(self, command, number):
-        self.told.append(command)
+    def send_command(self, command, sequence):
+        self.commands.append(command)
         if self.deaf:
             return
-        self.obeyed = number
-        if command in (CUT, END) and not self.welded:
+        self.obeyed = sequence
+        if command in (ABORT, END_OF_RUN) and not self.welded:
             self.closed = ()
 
-    def send_pulses(self, delay, lengths, number):
+    def send_pulses(self, delay, lengths, sequence):
         self.pulses.append(dict(lengths))
         self.delays.append(delay)
         if not self.deaf:
-            self.obeyed, self.closed = number, tuple(lengths)
+            self.obeyed, self.closed = sequence, tuple(lengths)
 
     def _report(self):
         while not self._over.wait(0.02):

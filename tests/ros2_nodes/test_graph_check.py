@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import pytest
 
-from eldir_ros.remote.graph_check import HEATING, OBSERVERS, Seen, examine
+from eldir_ros.remote.graph_check import HEATING, OBSERVERS, GraphSnapshot, examine
 
 NODES = (*HEATING, *OBSERVERS)
-WELL = Seen(
+WELL = GraphSnapshot(
     7,
     "LOCALHOST",
     "rmw_cyclonedds_cpp",
@@ -17,7 +17,7 @@ WELL = Seen(
     commanders=("actuation_sequencer",),
     skew=0.004,
     pictures=20,
-    watched=2.0,
+    duration=2.0,
 )
 
 
@@ -32,7 +32,7 @@ def test_a_graph_that_is_complete_has_no_wrong_line():
     ("change", "subject", "text"),
     [
         ({"middleware": "rmw_fastrtps_cpp"}, "middleware", "export RMW_IMPLEMENTATION=rmw_cyclonedds_cpp"),
-        ({"nodes": NODES[1:]}, "relay_board", "is not there"),
+        ({"nodes": NODES[1:]}, "relay_board", "is not running"),
         ({"nodes": (*NODES, "camera")}, "camera", "2 nodes have this name"),
         ({"states": dict.fromkeys(NODES[:-1], "active")}, "range_of_motion", "sends no heartbeats"),
         (

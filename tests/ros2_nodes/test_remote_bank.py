@@ -11,7 +11,7 @@ from eldir_hardware.safety.stop_signals import StoppedError
 from eldir_ros.conversions import runs
 from eldir_ros.remote.heartbeats import Heartbeats
 from eldir_ros.remote.obeyed_commands import ObeyedCommands
-from eldir_ros.remote.remote_bank import BEAT, CUT, END, InterruptedRunError
+from eldir_ros.remote.remote_bank import ABORT, END_OF_RUN, KEEPALIVE, InterruptedRunError
 from tests.ros2_nodes.remote_boards import Board
 
 
@@ -31,7 +31,7 @@ def test_a_run_beats_reports_and_ends_proven_off(board):
     with board.bank.armed():
         board.bank.heat(time.monotonic() + 0.1, {1: 0.2})
         rest(board, 0.3, reports.append)
-    assert board.told.count(BEAT) >= 3 and board.told[-1] == END
+    assert board.commands.count(KEEPALIVE) >= 3 and board.commands[-1] == END_OF_RUN
     assert any(r.closed == (True, False) for r in reports)
     assert reports[-1].closed == (False, False), "who watches sees the end"
     assert abs(reports[-1].t - time.monotonic()) < 1.0, "on the monotonic clock"
@@ -56,7 +56,7 @@ def test_whatever_ends_a_run_in_mid_heating_opens_everything_at_once(board, end,
         threading.Timer(0.2, act).start()
         rest(board, 5.0)
     assert failure.value.outcome == outcome
-    assert CUT in board.told and board.told[-1] == END and board.closed == ()
+    assert ABORT in board.commands and board.commands[-1] == END_OF_RUN and board.closed == ()
     assert time.monotonic() - ended[0] < 0.5
 
 
@@ -155,7 +155,7 @@ def test_commands_that_were_obeyed_are_known_by_the_time_of_the_reading():
     assert obeyed.before(1.0) == ("", 0)
     for run, number, at in (("a", 1, 1.0), ("a", 2, 2.0), ("b", 1, 3.0)):
         obeyed.require_new(run, number)
-        obeyed.note(run, number, at)
+        obeyed.add(run, number, at)
     assert [obeyed.before(t) for t in (0.5, 1.5, 2.0, 2.5, 9.0)] == [
         ("", 0), ("a", 1), ("a", 1), ("a", 2), ("b", 1)
     ]  # fmt: skip
@@ -173,23 +173,23 @@ def test_nothing_starts_on_a_board_that_is_not_armed_or_reports_nothing(board):
     board.bank = board.new_bank()
     with pytest.raises(EldirError, match="found none"):
         board.bank.arm()
-    assert board.told == []
+    assert board.commands == []
 
 
 def test_a_run_waits_a_moment_for_a_node_that_is_late_and_no_longer(board):
     board.missing = ("camera is activating",)
     with pytest.raises(InterruptedRunError, match="camera is activating"):
         board.bank.arm()
-    assert board.told == []
+    assert board.commands == []
     threading.Timer(0.3, lambda: setattr(board, "missing", ())).start()
     board.bank.arm()
-    assert board.told == [BEAT]
+    assert board.commands == [KEEPALIVE]
 
 
 def test_nodes_fall_silent_leave_or_are_absent():
-    beats = Heartbeats(patience=0.5)
-    beats.hear("camera", "active", 10.0)
-    beats.hear("recorder", "inactive", 10.0)
+    beats = Heartbeats(timeout=0.5)
+    beats.update("camera", "active", 10.0)
+    beats.update("recorder", "inactive", 10.0)
     assert beats.silent(10.4) == () and beats.silent(10.6) == ("camera", "recorder")
     assert beats.missing(("camera",), 10.4) == ()
     wanted = ("camera", "recorder", "tracker")
@@ -197,5 +197,5 @@ def test_nodes_fall_silent_leave_or_are_absent():
     assert beats.missing(("camera",), 11.0) == ("camera is silent",)
     assert [beats.state_of(n, 10.4) for n in wanted] == ["active", "inactive", "absent"]
     assert beats.state_of("camera", 11.0) == "silent"
-    beats.hear("camera", "finalized", 10.5)
+    beats.update("camera", "finalized", 10.5)
     assert beats.silent(99.0) == ("recorder",), "who takes leave is not missed"

@@ -6,10 +6,10 @@ import time
 
 import pytest
 
-from eldir_hardware.safety.schedule_digests import with_digests
+from eldir_hardware.safety.compatibility import with_digests
 from eldir_hardware.schedule import ActuationSchedule, Event
 from eldir_ros.conversions import runs
-from eldir_ros.remote.schedule_run import Order, ScheduleRun
+from eldir_ros.remote.schedule_run import RunRequest, ScheduleRun
 from tests.hardware.emulated_rigs import wait
 from tests.hardware.rigs_and_schedules import rig_with
 from tests.ros2_nodes.remote_boards import Board
@@ -56,8 +56,8 @@ def board():
 
 def play(board, text=TEXT, rig=RIG, lead=0.5, stopped="", accept="", client="tester", notes=None):
     notes = notes or Notes()
-    order = Order(lambda: runs.schedule_from(text), client, lead, accept)
-    return ScheduleRun(board.bank, notes, time.time_ns).play(order, rig, stopped), notes
+    request = RunRequest(lambda: runs.schedule_from(text), client, lead, accept)
+    return ScheduleRun(board.bank, notes, time.time_ns).play(request, rig, stopped), notes
 
 
 def when_it_heats(board, act):
@@ -81,7 +81,7 @@ def when_it_heats(board, act):
         ({"text": "{}"}, "not a schedule"),
         ({"rig": rig_with()}, "too little time to cool"),
         ({"text": EDITED}, "it was edited after eldir gait"),
-        ({"text": json.dumps(SCHEDULE.to_json() | {"provenance": {}})}, "it has no digests"),
+        ({"text": json.dumps(SCHEDULE.to_json() | {"provenance": {}})}, "it lacks the digests"),
         (
             {"rig": rig_with(limits={"min_off_s": 1.2}, cutoff={"max_on_s": 2.0})},
             "the rig file has other values in limits",
@@ -94,7 +94,7 @@ def test_what_cannot_be_played_is_refused_before_anything_is_said(board, change,
     result, notes = play(board, **change)
     assert result.outcome == runs.REFUSED and result.all_off and result.edges == ()
     assert (result.start_ns, result.duration, notes.states) == (0, 0.0, [])
-    assert board.told == [] and board.pulses == []
+    assert board.commands == [] and board.pulses == []
     assert message in result.message
 
 

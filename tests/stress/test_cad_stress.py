@@ -22,11 +22,10 @@ from eldir.morphology import develop
 from eldir.scene import Scene
 from eldir_cad.checks.buildability import check
 from eldir_cad.geometry.parts import cap, strip
-from eldir_cad.geometry.threemf import Item, threemf
-from eldir_cad.kit.fit import fitted_to_printer
-from eldir_cad.kit.printer import load_printer
+from eldir_cad.geometry.plates import Item, threemf
+from eldir_cad.kit.printer import fit_to_printer, load_printer
 from eldir_cad.kit.specification import load_specification
-from eldir_cad.packet.coupon import coupon, write_coupon
+from eldir_cad.packet.coupon import coupon_part, write_coupon
 from eldir_cad.packet.folder import write_packet
 from tests.cad.geometry.slicing import MISSING, SLICER, slice_plate
 from tests.eldir.evolution.run_folders import go_on
@@ -34,7 +33,7 @@ from tests.eldir.evolution.run_folders import go_on
 pytestmark = pytest.mark.stress
 
 PRINTER = load_printer()
-SPEC = fitted_to_printer(load_specification(), PRINTER)
+SPEC = fit_to_printer(load_specification(), PRINTER)
 
 
 def random_design(rows, columns, motors, seed):
@@ -96,7 +95,7 @@ def test_every_plate_is_sliced_without_a_warning(tmp_path, designs, index):
 def test_the_coupon_is_sliced_without_a_warning(tmp_path):
     write_coupon(tmp_path / "coupon")
     sliced = slice_plate(tmp_path / "coupon" / "plates" / "plate_01.3mf", PRINTER, tmp_path)
-    expected = coupon(load_specification()).volume + 2 * strip(SPEC).volume + 2 * cap(SPEC).volume
+    expected = coupon_part(load_specification()).volume + 2 * strip(SPEC).volume + 2 * cap(SPEC).volume
     assert sliced.manifold == 5
     assert sliced.volume == pytest.approx(expected, rel=0.01)
 

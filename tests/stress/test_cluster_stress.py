@@ -13,8 +13,7 @@ import pytest
 
 from eldir.errors import EldirError
 from eldir.evolution.loop import LocalTrainer, Shard, run_generations
-from eldir.evolution.printed.loop import evolve_printed
-from eldir.evolution.printed.run_folder import PrintedRun
+from eldir.evolution.printed.run_folder import PrintedRun, evolve_printed
 from eldir.evolution.printed.search import PrintedSearch, evaluate_here
 from eldir.evolution.run_folder import RunFolder
 from eldir.evolution.search import EvolutionConfig, Search

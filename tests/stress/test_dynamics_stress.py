@@ -17,10 +17,10 @@ import numpy as np
 import pytest
 
 from eldir.built.robot import build
-from eldir.built.scene import BuiltScene
+from eldir.built.scene import PrintedScene
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import QUANTITIES, RobotParameters
-from eldir_calibration.dynamics.measurements import Measurements
+from eldir_calibration.dynamics.recording import Measurements
 from eldir_calibration.dynamics.results import identify_robot
 from eldir_calibration.identification.identification import OTHER_JOINTS
 from tests.calibration.dynamics.hidden_rigs import NOMINAL, PHASE, film, hidden, unequal, uneven, walker
@@ -81,7 +81,7 @@ def one(
     return rows, results
 
 
-def unread(scene: BuiltScene, true: RobotParameters) -> list[str]:
+def unread(scene: PrintedScene, true: RobotParameters) -> list[str]:
     """What the same film had told of current and cooling if nobody had read current and voltage. Heat and
     resistance move nothing, so they had stayed as supposed and as uncertain, and all else as it is."""
     names, silent = list(scene.parameters), [scene.parameters.index(n) for n in ("heat", "resistance")]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from eldir.benchmark.accuracy import Case, distances, ends, reference_scene
-from eldir.benchmark.populations import big, small
+from eldir.benchmark.measurement import big, small
 from eldir.benchmark.stability import random_robots
 from eldir.built.gait import free_lengths
 from eldir.built.motion import drive

@@ -5,7 +5,7 @@ from collections import deque
 
 import pytest
 
-from eldir_hardware.relay.registration import kinds
+from eldir_hardware.relay.registration import installed_kinds
 from tests.hardware.run.fault_matrix import NeverHeatedError, drawn, strike
 from tests.hardware.run.faults import FAULTS
 
@@ -18,7 +18,7 @@ def test_everything_is_off_in_time(tmp_path):
     seed = random.SystemRandom().randrange(1 << 30)
     print(f"seed {seed}\n| board | fault | instant | off after | message |\n| --- | --- | --- | --- | --- |")
     outcomes = []
-    left = deque(drawn(2 * len(kinds()) * len(FAULTS), seed))
+    left = deque(drawn(2 * len(installed_kinds()) * len(FAULTS), seed))
     never = 0
     while left:
         kind, fault, own_seed = left.popleft()

@@ -5,10 +5,10 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from eldir_calibration.identification.spring_record import load_recording
-from eldir_calibration.springs.fit import fit_springs
-from eldir_hardware.relay.registration import kinds
-from eldir_hardware.rig.boards import driver_of
+from eldir_calibration.identification.spring_record import load_spring_recording
+from eldir_calibration.springs.fit import fit_spring
+from eldir_hardware.relay.registration import installed_kinds
+from eldir_hardware.rig.devices import get_driver
 from tests.calibration.springs.spring_recordings import FORMER, recorded
 from tests.calibration.springs.spring_tables import Truth, write
 from tests.calibration.springs.spring_tables import measure as measure_spring
@@ -20,7 +20,7 @@ from tests.hardware.run.hours_of_a_schedule import hours_of_a_schedule
 pytestmark = pytest.mark.stress
 
 
-@pytest.mark.parametrize("kind", kinds())
+@pytest.mark.parametrize("kind", installed_kinds())
 def test_a_million_mutated_answers(kind):
     """Nothing but the driver's own error, and no state that the board did not report."""
     assert believed_wrongly(kind, 1_000_000) <= CHANCE.get(kind, CHECKSUM)
@@ -38,22 +38,22 @@ def test_ten_thousand_random_pulse_trains():
     assert {"played", "LimitError", "HeartbeatError"} <= set(ended)
 
 
-@pytest.mark.parametrize("kind", kinds())
+@pytest.mark.parametrize("kind", installed_kinds())
 def test_edges_on_the_wall_clock(kind):
     """Edges within 20 ms at the 99th percentile, pulses within 2 % of their heat."""
     found = measure(kind)
     print(f"{kind}: {found}")
     assert np.quantile(abs(found.late), 0.99) < 0.020
-    assert np.quantile(abs(found.heat - 1), 0.99) < 0.02 + driver_of(kind).closing_apart / 2 / PULSE
+    assert np.quantile(abs(found.heat - 1), 0.99) < 0.02 + get_driver(kind).closing_interval / 2 / PULSE
 
 
 def test_intervals_hold_what_they_promise():
     """Of eight recordings' intervals at 95 %, nearly all hold the truth."""
-    hidden = FORMER.perturbed(np.random.default_rng(4))
+    hidden = FORMER.perturb(np.random.default_rng(4))
     names = ("heat_capacity", "convection_still", "convection_fan", "austenite_start", "martensite_finish")
     held = []
     for seed in range(8):
-        found = fit_springs(recorded(hidden, seed=100 + seed), FORMER).estimates
+        found = fit_spring(recorded(hidden, seed=100 + seed), FORMER).estimates
         held += [abs(found[n].value - getattr(hidden, n)) < found[n].margin for n in names]
     assert np.mean(held) > 0.8, "0.95 expected of 40"
 
@@ -69,7 +69,7 @@ def test_intervals_hold_the_truth_of_another_integration(tmp_path, warming):
     for seed in range(20):
         table = measure_spring(truth, 50 + seed)
         del table["ambient_c"]
-        found = fit_springs(load_recording(write(tmp_path / "table.csv", table)), FORMER).estimates
+        found = fit_spring(load_spring_recording(write(tmp_path / "table.csv", table)), FORMER).estimates
         held.append([abs(found[n].value - getattr(truth, n)) < found[n].margin for n in names])
     print(dict(zip(names, np.mean(held, axis=0).tolist(), strict=True)))
     assert np.mean(held) > 0.9 and np.mean(held, axis=0).min() >= 0.75

@@ -17,7 +17,7 @@ from eldir.built.scene import Identification
 from eldir.parameters.robot import RobotParameters
 from eldir_calibration.dynamics.recording import FilmedBody
 from eldir_calibration.dynamics.results import identify_robot
-from eldir_calibration.dynamics.verdict import doubtful, predictions, sentences
+from eldir_calibration.dynamics.verdict import describe_doubts, describe_model, describe_predictions
 from eldir_calibration.identification.identification import OTHER_JOINTS
 from tests.calibration.dynamics.hidden_rigs import NOMINAL, PHASE, walker
 from tests.calibration.dynamics.mujoco_films import SecondRig, random_body, second_rig
@@ -80,7 +80,7 @@ def filmed(number: int) -> tuple[int, SecondRig]:
 
 def outcome(results: Identification) -> Outcome:
     held = results.held_out_cycle
-    warned = not results.model.predicts or bool(doubtful(held))
+    warned = not results.model.predicts or bool(describe_doubts(held))
     return Outcome(held.error_after, held.walk["after"] - held.walk["tracked"], warned)
 
 
@@ -107,7 +107,7 @@ def test_ten_robots_in_mujoco() -> None:
                 f"    {c['strips']}{' with parts' * c['parts']}: {1e3 * c['unexplained_m']:.3f} of "
                 f"{1e3 * c['limit_m']:.3f} mm unexplained, held out {1e3 * c['held_out_left_m']:.3f} mm"
             )
-        for line in sentences(scene.results.model) + predictions(scene.results):
+        for line in describe_model(scene.results.model) + describe_predictions(scene.results):
             print(f"    {line}", flush=True)
     within = [o.within for o in outcomes]
     print(f"{sum(within)} of {len(within)} within {RANGES:.0%} and {WALK} body lengths")

@@ -15,8 +15,8 @@ import pytest
 
 from eldir.built.gait import CYCLES, Gait, free_lengths
 from eldir.built.robot import build
-from eldir.built.samples import NominalRobots, SampledWalks, sampled_walks
-from eldir.built.screening import candidate_gaits, soft_walks
+from eldir.built.samples import NominalRobots, SampledWalks, sample_walks
+from eldir.built.screening import candidate_gaits, simulate_soft_walks
 from eldir.built.walking import displacements
 from eldir.controller import Controller
 from eldir.core.records import FloatArray
@@ -28,7 +28,7 @@ from eldir.parameters.robot import RobotParameters
 from eldir.rollout import simulate
 from eldir.scene import Scene
 from eldir.training.randomisation import Randomisation
-from eldir_hardware.virtual.bodies import far_from
+from eldir_hardware.virtual.bodies import sample_large_spread
 from tests.calibration.dynamics.hidden_rigs import NOMINAL
 
 pytestmark = pytest.mark.stress
@@ -47,7 +47,7 @@ def imitated(bodies: Sequence[Morphology], controllers: Sequence[Controller]) ->
 def searched(body: Morphology) -> Gait:
     """Of all relative phases, the one with which sampled nominal robots walk farthest on average."""
     gaits = candidate_gaits(body.motors)
-    tried = sampled_walks(NominalRobots(body, RobotParameters()), gaits, BUILDS, 1)
+    tried = sample_walks(NominalRobots(body, RobotParameters()), gaits, BUILDS, 1)
     return gaits[int(np.argmax([walks.expected for walks in tried]))]
 
 
@@ -72,9 +72,9 @@ def test_transfer_to_rigs_that_nobody_saw() -> None:
     asked = Search(config).ask()
     every = asked.morphologies(config.lattice)
     # Most random designs walk in no phase whatsoever; those that do, with soft strips, can tell.
-    chosen = np.argsort(-soft_walks(every))[:DESIGNS].tolist()
+    chosen = np.argsort(-simulate_soft_walks(every))[:DESIGNS].tolist()
     bodies, seeds = [every[i] for i in chosen], [int(asked.seeds[i]) for i in chosen]
-    rigs = [far_from(NOMINAL, 100 + i) for i in range(RIGS)]
+    rigs = [sample_large_spread(NOMINAL, 100 + i) for i in range(RIGS)]
     slipping, drawn = PAPER.replace(contact="friction"), Randomisation.unfilmed()
     gaits = {
         "learned as in the paper": imitated(bodies, learn(bodies, PAPER, ITERATIONS, seeds).controllers),

@@ -22,8 +22,8 @@ from eldir.scene import Scene
 from eldir_cad.checks.buildability import check
 from eldir_cad.kit.printer import load_printer
 from eldir_cad.kit.specification import load_specification
-from eldir_calibration.transfer.transfer import TransferSettings, WalkingDesign, compare_walks
-from eldir_calibration.transfer.transfer_verdict import GOALS, TransferVerdict
+from eldir_calibration.transfer.compared_walks import TransferConfig, WalkingDesign, compare_walks
+from eldir_calibration.transfer.verdict import GOALS, TransferVerdict
 
 pytest.importorskip("mujoco")
 pytestmark = pytest.mark.stress
@@ -32,7 +32,7 @@ LATTICE, DRAWN, SEEDS = Lattice(4, 8), 220, (41, 42, 43, 44, 45)
 DESIGNS = int(os.environ.get("DESIGNS", "20"))
 LEAST = 0.1
 """Walk in the best gait of `screen` [body lengths per five cycles], below which a design is not taken."""
-SETTINGS = TransferSettings(samples=8, cycles=2, seed=500)
+SETTINGS = TransferConfig(samples=8, cycles=2, seed=500)
 REACHED = GOALS | {"spearman": (0.85, 1.0)}
 """The rank correlation was 0.89, and its goal is 0.9: most designs walk less than 0.5, and their means of
 eight robots scatter by about 0.1."""
@@ -65,12 +65,12 @@ def test_twenty_random_designs() -> None:
         predicted, there = one.means
         print(
             f"{one.file}: ties {one.predicted.tie_share:.0%}, predicted {predicted:+.2f}, "
-            f"MuJoCo {there:+.2f} {one.fault_counts or ''}, {one.inside.sum()} of 8 within",
+            f"MuJoCo {there:+.2f} {one.fault_counts or ''}, {one.within_interval.sum()} of 8 within",
             flush=True,
         )
     verdict = TransferVerdict.of(compared)
-    print(*verdict.in_words, sep="\n")
-    agreement = verdict.every
+    print(*verdict.sentences, sep="\n")
+    agreement = verdict.all_walks
     print(agreement)
     assert agreement.walks == DESIGNS
     for name in ("spearman", "coverage"):

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from eldir.errors import InputError
-from eldir_hardware.camera.tags import calibrate_plane
+from eldir_hardware.camera.plane_fit import calibrate_plane
 from eldir_hardware.images import jpeg
 from eldir_hardware.log.reader import read_log
 from eldir_hardware.log.recorder import Recorder
 from eldir_hardware.markers.discs import DiscTracker
-from eldir_hardware.vision.pipeline import follow
+from eldir_hardware.vision.pipeline import track_frames
 from eldir_hardware.vision.virtual_camera import VirtualCamera
 from tests.hardware.markers.other_things_in_view import disturbed_film
 from tests.hardware.vision.walking_films import BODY, MARKED, NAMES, SPACE, SPRINGS, cover, film, walk
@@ -66,7 +66,7 @@ def test_two_hundred_disturbed_films_have_no_wrong_mark_without_a_note() -> None
         images = [(t, jpeg.decode(jpeg.encode(image))) for t, image in found.frames]
         plane = calibrate_plane([image for _, image in images[:8]], found.camera.board)
         try:
-            tracked = follow(images, plane, NAMES, BODY[MARKED])
+            tracked = track_frames(images, plane, NAMES, BODY[MARKED])
         except InputError as error:
             refused += not found.alike
             print(f"{seed} {'alike' if found.alike else 'REFUSED'}: {error}; {found.words}")
@@ -138,7 +138,7 @@ def test_error_in_poor_light(size: tuple[int, int]) -> None:
             blurred = cv2.GaussianBlur(image, (0, 0), 0.8)
             frames.append((t, np.clip(blurred * shade, 0, 255).astype(np.uint8)))
         tracker = DiscTracker(calibrate_plane([f for _, f in frames[:10]], camera.board), NAMES, BODY[MARKED])
-        lens = camera._secrets.lens
+        lens = camera.plane
         for t, image in frames:
             found = tracker.update(image, t)
             off = lens.to_pixels(found) - lens.to_pixels(walk(t)[MARKED])

@@ -16,9 +16,9 @@ import numpy as np
 import pytest
 
 from eldir_hardware.planning.compiler import compile_schedule
-from eldir_hardware.relay.registration import kinds
+from eldir_hardware.relay.registration import installed_kinds
 from eldir_hardware.rig.configuration import Rig
-from eldir_hardware.safety.schedule_digests import with_digests
+from eldir_hardware.safety.compatibility import with_digests
 from eldir_hardware.vision.virtual_camera import VirtualCamera
 from tests.app.watch.bench import ELDIR, BusyError, free_port, heating, watching
 from tests.app.watch.browser import browser
@@ -88,7 +88,7 @@ def test_a_hundred_stops(tmp_path):
     with browser() as page:
         for number in range(STOPS):
             state = ("plays", "suspended", "both suspended", "server restarted")[number % 4]
-            kind = kinds()[number // 4 % len(kinds())]
+            kind = installed_kinds()[number // 4 % len(installed_kinds())]
             for attempt in range(5):
                 try:
                     seconds = stop_once(page, tmp_path / f"run{number}-{attempt}", kind, state, rng)
@@ -111,7 +111,7 @@ def test_twenty_thousand_malformed_requests_and_messages(tmp_path):
     with emulated("lcus") as board:
         rig = rig_file(tmp_path / "rig.yaml", "lcus", board.port)
         with watching("--rig", rig) as (address, server):
-            board._set_coil(3, True)
+            board.set_coil(3, True)
             host = address.removeprefix("http://").strip("/")
             seed = random.SystemRandom().randrange(1 << 30)
             answered = pour(host, seed, 20_000)

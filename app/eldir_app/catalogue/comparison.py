@@ -1,7 +1,8 @@
-"""Several filmed runs overlaid: walk, walk in each cycle, heights of the marks, temperatures."""
+"""Several filmed runs overlaid: walk, walk in each cycle, heights of the markers, temperatures."""
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,11 +13,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from eldir_calibration.comparison.motions import filmed
+from eldir.core.files import write_text
+from eldir.core.pictures import page_templates, png
+from eldir_app.catalogue.listing import signed, version_and_date
+from eldir_calibration.comparison.motions import track_run
 from eldir_calibration.comparison.recorded_run import LoggedRun, read_run
-from eldir_calibration.report.comparison import PHASES, Motion
+from eldir_calibration.report.comparison import CYCLES, PHASE_SAMPLES, Motion
 
-# Okabe and Ito's palette, and a form of line for each, so that a grey print reads too.
+# Okabe and Ito's palette, with a line style for each colour, so that a grey print can be read too.
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000", "#8A8A00")
 _LINES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (1, 1)), (0, (3, 1, 1, 1)), (0, (8, 3)))
 _MARKERS = "osD^v<>P"
@@ -41,23 +45,47 @@ def compared_run(log: Path, progress: Callable[[int], None]) -> ComparedRun:
     """A log with its filmed motion, tracked from its pictures. Raises `InputError` for a log without design,
     schedule, rig or pictures, or one that ends before a whole cycle."""
     run = read_run(log)
-    return ComparedRun(str(log), run, filmed(run, progress).motion)
+    return ComparedRun(str(log), run, track_run(run, progress).motion)
+
+
+def write_comparison(runs: Sequence[ComparedRun], page: Path) -> None:
+    """Write one HTML file with the figures of all runs and a table of their differences."""
+    pictures = [
+        (caption, base64.b64encode(png(figure)).decode()) for caption, figure in figures(runs).items()
+    ]
+    rows = [
+        ("robot", [one.run.kind[0] for one in runs]),
+        ("rig", [f"{one.run.rig.name}{one.run.physics_note}" for one in runs]),
+        ("gait", [f"{one.run.schedule.cycles} x {one.run.schedule.period_s:g} s" for one in runs]),
+        ("cycles filmed", [str(one.motion.cycles) for one in runs]),
+        ("predicted by the schedule", [signed(one.predicted) for one in runs]),
+        ("filmed", [signed(one.motion.displacement()) for one in runs]),
+        ("filmed, mm in a cycle", [f"{_millimetres(one):+.0f}" for one in runs]),
+    ]
+    text = page_templates("eldir_app.catalogue").get_template("comparison.html").render(
+        names=[one.name for one in runs], rows=rows, figures=pictures, made=version_and_date()
+    )  # fmt: skip
+    write_text(page, text)
+
+
+def _millimetres(one: ComparedRun) -> float:
+    return 1e3 * one.motion.displacement() * one.motion.body_length / CYCLES
 
 
 def figures(runs: Sequence[ComparedRun]) -> dict[str, Figure]:
     """A figure for each comparison, by its caption."""
     return {
-        "Walk since the start of the cycles that count.": walk(runs),
-        "Walk in each cycle. Thin lines: what the schedule predicts.": walk_by_cycle(runs),
-        "Heights of the marks over a cycle, mean of all cycles; each run begins with its own schedule.": (
-            heights(runs)
+        "Walk since the start of the cycles that count.": plot_walk(runs),
+        "Walk in each cycle. Thin lines: what the schedule predicts.": plot_walk_by_cycle(runs),
+        "Heights of the markers over a cycle, mean of all cycles; each run begins with its own schedule.": (
+            plot_heights(runs)
         ),
-        "Modelled temperatures of the springs in the last cycle.": temperatures(runs),
+        "Modelled temperatures of the springs in the last cycle.": plot_temperatures(runs),
     }
 
 
-def walk(runs: Sequence[ComparedRun]) -> Figure:
-    """Mean forward motion of the marks [mm] over time [s]."""
+def plot_walk(runs: Sequence[ComparedRun]) -> Figure:
+    """Mean forward displacement of the markers [mm] over time [s]."""
     figure = Figure(figsize=(7.2, 3.4), layout="constrained")
     axes = figure.subplots()
     for k, one in enumerate(runs):
@@ -67,7 +95,7 @@ def walk(runs: Sequence[ComparedRun]) -> Figure:
     return figure
 
 
-def walk_by_cycle(runs: Sequence[ComparedRun]) -> Figure:
+def plot_walk_by_cycle(runs: Sequence[ComparedRun]) -> Figure:
     """Walk of each cycle [body lengths per five cycles]."""
     figure = Figure(figsize=(7.2, 3.4), layout="constrained")
     axes = figure.subplots()
@@ -82,25 +110,25 @@ def walk_by_cycle(runs: Sequence[ComparedRun]) -> Figure:
     return figure
 
 
-def heights(runs: Sequence[ComparedRun]) -> Figure:
-    """Height of each mark over a mean cycle [mm], a row for each mark."""
+def plot_heights(runs: Sequence[ComparedRun]) -> Figure:
+    """Height of each marker over a mean cycle [mm], one plot for each marker."""
     names = sorted({name for one in runs for name in one.motion.trajectory.names})
     figure = Figure(figsize=(7.2, 1.2 + 1.3 * len(names)), layout="constrained")
     rows = figure.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
-    phases = (np.arange(PHASES) + 0.5) / PHASES
+    phases = (np.arange(PHASE_SAMPLES) + 0.5) / PHASE_SAMPLES
     for axes, name in zip(rows, names, strict=True):
         for k, one in enumerate(runs):
-            marks = one.motion.trajectory.names
-            if name in marks:
-                height = np.nanmean(one.motion.by_phase()[:, :, marks.index(name), 1], axis=0)
+            markers = one.motion.trajectory.names
+            if name in markers:
+                height = np.nanmean(one.motion.by_phase()[:, :, markers.index(name), 1], axis=0)
                 axes.plot(phases, 1e3 * height, **_style(k, one))
         _finish(axes, "", f"{name} (mm)", legend=axes is rows[0])
     rows[-1].set_xlabel("part of the cycle")
     return figure
 
 
-def temperatures(runs: Sequence[ComparedRun]) -> Figure:
-    """Temperature of each spring in the last cycle [C], a row for each spring."""
+def plot_temperatures(runs: Sequence[ComparedRun]) -> Figure:
+    """Temperature of each spring in the last cycle [C], one plot for each spring."""
     names = sorted({name for one in runs for name in one.run.log.springs}) or ["no springs"]
     figure = Figure(figsize=(7.2, 1.2 + 1.3 * len(names)), layout="constrained")
     rows = figure.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]

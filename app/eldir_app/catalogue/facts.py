@@ -1,27 +1,33 @@
-"""What the catalogue reads from a log, and from a report."""
+"""What is known about a log: what the log says, what a report says, and what people noted."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
+import json
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
-from eldir.core.files import read_json
+from pydantic import AfterValidator, Field
+
+from eldir.core.arguments import require_value
+from eldir.core.files import MAX_JSON_BYTES, read_json, write_text
+from eldir.core.records import FileRecord, Record, record
 from eldir.errors import EldirError, InputError
 
 _REAL_CLOCK = 946_684_800
-"""A log that says it is from before the year 2000 was recorded in virtual time [s since 1970]."""
+"""A log with an earlier start (before the year 2000) was recorded in virtual time [s since 1970]."""
 _File = TypeVar("_File")
 
 
 @dataclass(frozen=True)
 class LogFacts:
-    """What a log says of itself; empty or None where it does not say."""
+    """What a log says about itself; empty or None where it says nothing."""
 
     fingerprint: str = ""
-    """SHA-256 of the log's size and of its last 64 KiB; it tells logs apart."""
+    """SHA-256 of the log's size and of its last 64 KiB; it identifies the log."""
     recorded: str = ""
     """When the run began (ISO 8601, UTC); for a run in virtual time, the date of the file."""
     seconds: float = 0.0
@@ -43,7 +49,7 @@ class LogFacts:
     predicted: float | None = None
     """Walk that the schedule predicts [body lengths per five cycles]."""
     ended: str = ""
-    """What the player said last."""
+    """Last status of the player."""
     faults: tuple[str, ...] = ()
     """Errors and warnings in the log, as sentences."""
     recovered: str = ""
@@ -54,7 +60,7 @@ class LogFacts:
 
 @dataclass(frozen=True)
 class ReportedRun:
-    """What a report says of one log."""
+    """What a report says about one log."""
 
     predicted: float | None
     """Predicted walk [body lengths per five cycles]."""
@@ -71,38 +77,54 @@ class ReportedRun:
 
 
 def read_facts(log: Path) -> LogFacts:
-    """What a log says of itself. A log that cannot be read has `damage` and nothing else; where only an
+    """What a log says about itself. A log that cannot be read has `damage` and nothing else; where only an
     attached file is damaged, the rest is there."""
     # A listing that finds everything in the index needs none of these.
-    from eldir.design import Design
     from eldir_hardware.log import messages as m
-    from eldir_hardware.log.attachments import read_attachment
-    from eldir_hardware.log.fingerprint import fingerprint
-    from eldir_hardware.log.reader import contents, messages
-    from eldir_hardware.rig.configuration import Rig
-    from eldir_hardware.schedule import ActuationSchedule
+    from eldir_hardware.log.mcap_file import fingerprint, iter_messages, read_contents
 
     try:
-        found = contents(log)
+        content = read_contents(log)
         statuses = [
             status
-            for _, _, message in messages(log, [m.STATUS] if m.STATUS in found.topics else [])
+            for _, _, message in iter_messages(log, [m.STATUS] if m.STATUS in content.topics else [])
             for status in message.status
         ]
-        print_ = fingerprint(log)
-        epoch = found.epoch_ns * 1e-9
+        digest = fingerprint(log)
+        epoch = content.epoch_ns * 1e-9
         recorded = epoch if epoch > _REAL_CLOCK else log.stat().st_mtime
         date = datetime.fromtimestamp(recorded, UTC).isoformat(timespec="seconds")
     except InputError as error:
         return LogFacts(damage=str(error).splitlines()[0])
     except (OSError, ArithmeticError, LookupError, ValueError) as error:
-        return LogFacts(damage=f"{log} is no sound log ({type(error).__name__}: {error})".splitlines()[0])
+        return LogFacts(damage=f"{log} cannot be read ({type(error).__name__}: {error})".splitlines()[0])
+    facts = LogFacts(
+        fingerprint=digest,
+        recorded=date.replace("+00:00", "Z"),
+        seconds=round(max(0.0, content.end_ns * 1e-9 - epoch), 3),
+        frames=content.topics.get(m.IMAGE, 0),
+        design=content.metadata.get("design_sha256", ""),
+        ended=next((s.message for s in reversed(statuses) if s.name == "player"), ""),
+        faults=tuple(f"{s.name}: {s.message}" for s in statuses if s.level),
+        recovered=content.metadata.get("recovered", ""),
+    )
+    return _with_attached_files(facts, log, content.attachments, statuses)
+
+
+def _with_attached_files(
+    facts: LogFacts, log: Path, attachments: Mapping[str, bytes], statuses: Sequence[Any]
+) -> LogFacts:
+    """The facts, with those of the attached design, schedule and rig file."""
+    from eldir.design import Design
+    from eldir_hardware.log.reader import read_attachment
+    from eldir_hardware.rig.configuration import Rig
+    from eldir_hardware.schedule import ActuationSchedule
 
     damage: list[str] = []
 
     def attached(name: str, build: Callable[[Any], _File]) -> _File | None:
         try:
-            return read_attachment(found.attachments, log.name, name, build)
+            return read_attachment(attachments, log.name, name, build)
         except InputError as error:
             damage.append(str(error).splitlines()[0])
             return None
@@ -110,30 +132,21 @@ def read_facts(log: Path) -> LogFacts:
     design = attached("design.json", Design.from_json)
     schedule = attached("schedule.json", ActuationSchedule.from_json)
     rig = attached("rig.yaml", Rig.from_json)
-    walk = None if schedule is None else schedule.predicted.walk
-    said = [s.message for s in statuses if s.name == "player"]
-    moved = [s.message.removeprefix("moved by ") for s in statuses if s.name == "virtual rig"]
-    return LogFacts(
-        fingerprint=print_,
-        recorded=date.replace("+00:00", "Z"),
-        seconds=round(max(0.0, found.end_ns * 1e-9 - epoch), 3),
-        frames=found.topics.get(m.IMAGE, 0),
-        rig="" if rig is None else rig.name,
-        physics="" if rig is None else "real" if rig.kind == "real" else moved[0] if moved else "virtual",
-        design=found.note.get("design_sha256", ""),
-        robot="" if design is None else _robot(design.variant.to_json()),
-        period_s=None if schedule is None else schedule.period_s,
-        cycles=None if schedule is None else schedule.cycles,
-        predicted=None if walk is None else walk.mean,
-        ended=said[-1] if said else "",
-        faults=tuple(f"{s.name}: {s.message}" for s in statuses if s.level),
-        recovered=found.note.get("recovered", ""),
-        damage="; ".join(damage),
-    )
+    if design is not None:
+        facts = replace(facts, robot=_describe_robot(design.variant.to_json()))
+    if schedule is not None:
+        walk = schedule.predicted.walk
+        predicted = None if walk is None else walk.mean
+        facts = replace(facts, period_s=schedule.period_s, cycles=schedule.cycles, predicted=predicted)
+    if rig is not None:
+        physics = (s.message.removeprefix("moved by ") for s in statuses if s.name == "virtual rig")
+        kind = "real" if rig.kind == "real" else next(physics, "virtual")
+        facts = replace(facts, rig=rig.name, physics=kind)
+    return replace(facts, damage="; ".join(damage))
 
 
-def _robot(variant: dict[str, Any]) -> str:
-    """The robot in words, by what its design file says under `variant`."""
+def _describe_robot(variant: dict[str, Any]) -> str:
+    """How the robot differs from its design, in words, from `variant` in its design file."""
     parts = []
     if "without_motor" in variant:
         parts.append(f"without motor {variant['without_motor']}")
@@ -143,20 +156,20 @@ def _robot(variant: dict[str, Any]) -> str:
 
 
 def read_report(path: Path) -> dict[str, dict[str, Any]]:
-    """What a `report.json` says of its logs, by their fingerprints; nothing for any other file."""
+    """What a `report.json` says about its logs, by their fingerprints; empty for any other file."""
     try:
-        return _reported(read_json(path, "eldir-report/1", ("eldir-report/1",)))
+        return _reported_runs(read_json(path, "eldir-report/1", ("eldir-report/1",)))
     except (EldirError, AttributeError, LookupError, TypeError, ValueError):
         return {}  # another program's report.json
 
 
-def _reported(values: dict[str, Any]) -> dict[str, dict[str, Any]]:
-    found = {}
-    for number, run in enumerate(values["runs"]):
+def _reported_runs(values: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    reported = {}
+    for index, run in enumerate(values["runs"]):
         low, high = run["tracked_interval"] or (None, None)
-        main = number == 0
+        main = index == 0  # the others are control robots
         walk = values["verdict"]["body_lengths_per_5_cycles"]
-        found[str(run.get("fingerprint", ""))] = asdict(
+        reported[str(run.get("fingerprint", ""))] = asdict(
             ReportedRun(
                 predicted=walk["predicted"] if main else run["predicted"],
                 filmed=run["tracked"],
@@ -166,4 +179,73 @@ def _reported(values: dict[str, Any]) -> dict[str, dict[str, Any]]:
                 sentence=values["verdict"]["text"] if main else "",
             )
         )
-    return found
+    return reported
+
+
+NOTES_SUFFIX = ".notes.json"
+_TAG_PATTERN = re.compile(r"[\w.+-]{1,40}")
+_MAX_NOTE_LENGTH = 2000  # [characters]
+
+
+def _check_tag(tag: str) -> str:
+    if not _TAG_PATTERN.fullmatch(tag):
+        raise ValueError(f"expected 1 to 40 letters, digits or _ . + -, found {tag!r:.60}")
+    return tag
+
+
+Tag = Annotated[
+    str, AfterValidator(_check_tag), Field(json_schema_extra={"pattern": f"^{_TAG_PATTERN.pattern}$"})
+]
+
+
+@record
+class Note(Record):
+    """A note that a person wrote about a run."""
+
+    written: str
+    """When the note was written (ISO 8601, UTC)."""
+    text: str
+    """Text of the note; 1 to 2000 characters when written by eldir."""
+
+
+@record
+class Notes(FileRecord):
+    """Notes and tags of one log."""
+
+    FORMAT = "eldir-notes/1"
+    OPTIONAL = frozenset()
+
+    tags: Annotated[tuple[Tag, ...], AfterValidator(lambda tags: tuple(sorted(set(tags))))] = ()
+    """Tags of the log, sorted: 1 to 40 letters, digits or any of `_.+-` each."""
+    notes: tuple[Note, ...] = ()
+    """Notes on the log, the oldest first."""
+
+    def changed(self, note: str | None, tags: Sequence[str], untags: Sequence[str]) -> Notes:
+        """With one more note, and with tags added and removed. Raises `InputError` for invalid ones."""
+        remaining = tuple((set(self.tags) | set(tags)) - set(untags))
+        if note is None:
+            return Notes(remaining, self.notes)
+        is_valid = note.strip() and len(note) <= _MAX_NOTE_LENGTH
+        require_value("note", is_valid, f"1 to {_MAX_NOTE_LENGTH} characters", len(note))
+        now = datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
+        return Notes(remaining, (*self.notes, Note(now, note.strip())))
+
+
+def notes_file(log: Path) -> Path:
+    """The file with the notes of a log: `run.mcap.notes.json` beside `run.mcap`."""
+    return log.with_name(log.name + NOTES_SUFFIX)
+
+
+def read_notes(log: Path) -> Notes:
+    """Notes of a log; none where there is no file. Raises `InputError` for a damaged file."""
+    path = notes_file(log)
+    return Notes.load(path) if path.exists() else Notes()
+
+
+def write_notes(log: Path, notes: Notes) -> Path:
+    """Write the notes of a log beside it; return the file. Raises `EldirError` if it cannot be written."""
+    path, text = notes_file(log), json.dumps(notes.to_json(), indent=1, ensure_ascii=False) + "\n"
+    if len(text.encode(errors="backslashreplace")) > MAX_JSON_BYTES:
+        raise InputError(f"{path} would be too large", remedy="remove old notes from it")
+    write_text(path, text)
+    return path

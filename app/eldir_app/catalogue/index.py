@@ -1,4 +1,5 @@
-"""Keeps what was read from files, so that they are read once: a SQLite file in the user's cache folder."""
+"""A cache of what was read from files, so that each is read once: a SQLite file in the user's cache
+folder."""
 
 from __future__ import annotations
 
@@ -11,11 +12,11 @@ from types import TracebackType
 from typing import Any
 
 _VERSION = 2
-"""Of what is kept of a file; an index of another version is made again."""
+"""Of the cached values; an index of another version is rebuilt."""
 _TABLE = "CREATE TABLE IF NOT EXISTS files (path BLOB PRIMARY KEY, size INT, mtime_ns INT, facts TEXT)"
 
 Stamp = tuple[int, int]
-"""Size [bytes] and time of the last change [ns] of a file: what was read is true while both stay."""
+"""Size [bytes] and time of the last change [ns] of a file: its facts are valid while both are the same."""
 
 
 def index_file() -> Path:
@@ -25,63 +26,65 @@ def index_file() -> Path:
 
 
 class Index:
-    """What was read from files, by path. An index that is damaged, foreign or of another version is made
-    again; where none can be kept, it lives in memory for this run only."""
+    """Facts about files, by path. A damaged file, or one of another version, is rebuilt; where none can be
+    written, the index is in memory."""
 
     def __init__(self, path: Path):
         self._path = path
 
     def __enter__(self) -> Index:
-        self._store = self._open()
+        self._database = self._open()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._store.close()
+        self._database.close()
 
     def _open(self) -> sqlite3.Connection:
         for _ in range(2):
             try:
                 self._path.parent.mkdir(parents=True, exist_ok=True)
-                store = sqlite3.connect(self._path, timeout=5.0)
-                if store.execute("PRAGMA user_version").fetchone()[0] not in (0, _VERSION):
+                database = sqlite3.connect(self._path, timeout=5.0)
+                if database.execute("PRAGMA user_version").fetchone()[0] not in (0, _VERSION):
                     raise sqlite3.DatabaseError("another version")
-                store.execute(_TABLE)
-                store.execute(f"PRAGMA user_version = {_VERSION}")
-                store.execute("SELECT size, mtime_ns, facts FROM files LIMIT 1").fetchall()
-                store.commit()
-                return store
+                database.execute(_TABLE)
+                database.execute(f"PRAGMA user_version = {_VERSION}")
+                database.execute("SELECT size, mtime_ns, facts FROM files LIMIT 1").fetchall()
+                database.commit()
+                return database
             except sqlite3.OperationalError:
-                break  # no place, no right, or another process holds it for long
+                break  # disk full, no permission, or locked by another process for long
             except (sqlite3.DatabaseError, OSError):
                 try:
                     self._path.unlink(missing_ok=True)
                 except OSError:
                     break
-        store = sqlite3.connect(":memory:")
-        store.execute(_TABLE)
-        return store
+        database = sqlite3.connect(":memory:")
+        database.execute(_TABLE)
+        return database
 
-    def below(self, folder: str) -> dict[str, tuple[Stamp, dict[str, Any]]]:
-        """Stamp and facts of every file below a folder that was read before, by path."""
-        start = os.fsencode(os.path.join(folder, ""))  # names as the disk has them, which need not be UTF-8
-        rows = self._store.execute(
+    def read(self, folder: str) -> dict[str, tuple[Stamp, dict[str, Any]]]:
+        """Stamp and facts of every file below a folder that is in the index, by path."""
+        start = os.fsencode(os.path.join(folder, ""))  # names on disk need not be UTF-8
+        rows = self._database.execute(
             "SELECT path, size, mtime_ns, facts FROM files WHERE path >= ? AND path < ?",
             (start, start[:-1] + bytes([ord(os.sep) + 1])),
         )
-        kept = rows.fetchall()
-        facts = json.loads(f"[{','.join(row[3] for row in kept)}]")  # at once: ten thousand are quicker so
-        return {os.fsdecode(row[0]): ((row[1], row[2]), said) for row, said in zip(kept, facts, strict=True)}
+        entries = rows.fetchall()
+        facts = json.loads(f"[{','.join(row[3] for row in entries)}]")  # in one call: faster for ten thousand
+        return {
+            os.fsdecode(row[0]): ((row[1], row[2]), known) for row, known in zip(entries, facts, strict=True)
+        }
 
-    def keep(self, read: Mapping[str, tuple[Stamp, dict[str, Any]]], gone: Iterable[str]) -> None:
-        """Keep what was read from files, and forget files that are gone. Nothing is kept on a full disk."""
+    def update(self, read: Mapping[str, tuple[Stamp, dict[str, Any]]], deleted: Iterable[str]) -> None:
+        """Save the facts of files, and forget deleted ones. Does nothing on a full disk."""
         try:
-            with self._store:
-                self._store.executemany(
-                    "DELETE FROM files WHERE path = ?", [(os.fsencode(path),) for path in gone]
+            with self._database:
+                self._database.executemany(
+                    "DELETE FROM files WHERE path = ?", [(os.fsencode(path),) for path in deleted]
                 )
-                self._store.executemany(
+                self._database.executemany(
                     "INSERT OR REPLACE INTO files VALUES (?, ?, ?, ?)",
                     [(os.fsencode(path), *stamp, json.dumps(facts)) for path, (stamp, facts) in read.items()],
                 )

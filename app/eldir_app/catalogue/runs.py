@@ -5,28 +5,38 @@ from __future__ import annotations
 import logging
 import os
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from eldir.errors import EldirError, InputError, missing
-from eldir_app.catalogue.facts import LogFacts, ReportedRun, read_facts, read_report
+from eldir_app.catalogue.facts import (
+    NOTES_SUFFIX,
+    LogFacts,
+    Note,
+    Notes,
+    ReportedRun,
+    notes_file,
+    read_facts,
+    read_notes,
+    read_report,
+)
 from eldir_app.catalogue.index import Index, Stamp
-from eldir_app.catalogue.notes import ENDING, Note, Notes, notes_file, read_notes
 from eldir_hardware.images.file_kind import require_log
 
 _logger = logging.getLogger(__name__)
 
 FORMAT = "eldir-runs/1"
-_LOG, _REPORT = ".mcap", "report.json"
-_TOGETHER = 20  # files that are read before the index is written
-_NEAR = 2  # levels below a single log's folder where its report is looked for
+_LOG_SUFFIX, _REPORT_NAME = ".mcap", "report.json"
+_BATCH = 20  # files that are read before the index is written
+_REPORT_DEPTH = 2  # levels below a single log's folder where its report is searched
 
 Progress = Callable[[int, int], None]
-"""Called with the number of files read so far, and of all that must be read."""
+"""Called with the number of files read so far, and of all files to read."""
 
 
-# No records of pydantic's: there are ten thousand.
+# Plain dataclasses: ten thousand records of pydantic would be slow.
 @dataclass(frozen=True)
 class _LogFile:
     """One log."""
@@ -38,11 +48,11 @@ class _LogFile:
 
 
 @dataclass(frozen=True)
-class CataloguedRun(LogFacts, _LogFile):  # in the file, the entries of the last base are the first
-    """One log, and what is known about it."""
+class CataloguedRun(LogFacts, _LogFile):  # in JSON, the fields of the last base come first
+    """One log, with its report and its notes."""
 
     report: Path | None = None
-    """Path of the newest report.json about the log; null: there is none."""
+    """Path of the newest report.json about the log; null if there is none."""
     reported: ReportedRun | None = None
     """What that report says of this log; null without a report."""
     tags: tuple[str, ...] = ()
@@ -62,13 +72,13 @@ class CataloguedRun(LogFacts, _LogFile):  # in the file, the entries of the last
 
     @property
     def verdict(self) -> str:
-        """The report's verdict in a word; empty without a report."""
+        """The report's verdict; empty without a report."""
         return "" if self.reported is None else self.reported.verdict
 
 
 @dataclass(frozen=True)
 class Catalogue:
-    """The runs that were found, in the order of their paths, and what could not be read on the way."""
+    """The runs that were found, in the order of their paths, and what could not be read."""
 
     runs: tuple[CataloguedRun, ...]
     problems: tuple[str, ...]
@@ -80,17 +90,17 @@ class _Files:
 
     logs: dict[str, Stamp]
     reports: dict[str, Stamp]
-    noted: set[str]
+    annotated: set[str]
     """Logs that have a file of notes."""
 
 
 def find_runs(
-    paths: Sequence[Path], index: Index, progress: Progress = lambda done, every: None
+    paths: Sequence[Path], index: Index, progress: Progress = lambda done, total: None
 ) -> Catalogue:
-    """The runs below folders, and those of single logs. What was read before is taken from the index, as long
-    as size and time of a file are the same.
+    """The runs below folders, and those of single logs. Facts are taken from the index, as long as size and
+    time of a file are the same.
 
-    Raises `InputError` for a path that does not exist or is no folder and no log.
+    Raises `InputError` for a path that does not exist, or is neither a folder nor a log.
     """
     runs: dict[str, CataloguedRun] = {}
     problems: list[str] = []
@@ -98,93 +108,103 @@ def find_runs(
         if not path.exists():
             raise missing(path, "name a folder of logs, or a log")
         if path.is_dir():
-            files = _files(path, problems)
-        elif path.suffix == _LOG:
-            status, log = path.stat(), str(path)
-            noted = {log} if notes_file(path).exists() else set()
-            near = _files(path.parent, problems, _NEAR)
-            files = _Files({log: (status.st_size, status.st_mtime_ns)}, near.reports, noted)
+            folder, files = path, _find_files(path, problems)
+        elif path.suffix == _LOG_SUFFIX:
+            folder, files = path.parent, _files_of_log(path, problems)
         else:
             require_log(path)
             raise InputError(f"{path} is neither a folder nor a log", expected="a folder, or a file *.mcap")
-        folder = path if path.is_dir() else path.parent
-        for run in _catalogued(folder, files, index, problems, progress, whole=path.is_dir()):
+        facts = _read_new_files(folder, files, index, progress, forget=path.is_dir())
+        for run in _assemble_runs(files, facts, problems):
             runs.setdefault(os.path.abspath(run.log), run)
     return Catalogue(tuple(runs.values()), tuple(problems))
 
 
-def _files(folder: Path, problems: list[str], levels: int | None = None) -> _Files:
-    """Files of interest; hidden folders and links to folders are left out."""
-    found = _Files({}, {}, set())
+def _files_of_log(log: Path, problems: list[str]) -> _Files:
+    """A single log, with its notes and the reports near it."""
+    status, path = log.stat(), str(log)
+    nearby = _find_files(log.parent, problems, _REPORT_DEPTH)
+    annotated = {path} if notes_file(log).exists() else set()
+    return _Files({path: (status.st_size, status.st_mtime_ns)}, nearby.reports, annotated)
+
+
+def _find_files(folder: Path, problems: list[str], max_depth: int | None = None) -> _Files:
+    """Logs, reports and notes below a folder; hidden folders and links to folders are left out."""
+    files = _Files({}, {}, set())
     depth = len(folder.parts)
 
-    def refused(error: OSError) -> None:
-        problems.append(f"cannot look into {error.filename}: {error.strerror}")
+    def on_error(error: OSError) -> None:
+        problems.append(f"cannot read the folder {error.filename}: {error.strerror}")
 
-    for place, folders, names in os.walk(folder, onerror=refused):
-        deep = levels is not None and len(Path(place).parts) - depth >= levels
-        folders[:] = [] if deep else sorted(f for f in folders if not f.startswith("."))
+    for place, folders, names in os.walk(folder, onerror=on_error):
+        is_deepest = max_depth is not None and len(Path(place).parts) - depth >= max_depth
+        folders[:] = [] if is_deepest else sorted(f for f in folders if not f.startswith("."))
         for name in sorted(names):
-            if name.startswith(".") or not name.endswith((_LOG, _REPORT, ENDING)):
-                continue
-            path = os.path.join(place, name)
-            if name.endswith(ENDING):
-                found.noted.add(path.removesuffix(ENDING))
-                continue
-            try:
-                status = os.stat(path)
-            except OSError:
-                continue  # gone in the meantime
-            if name.endswith(_LOG):
-                found.logs[path] = status.st_size, status.st_mtime_ns
-            elif name == _REPORT:
-                found.reports[path] = status.st_size, status.st_mtime_ns
-    return found
+            if not name.startswith("."):
+                _add_file(files, os.path.join(place, name), name)
+    return files
 
 
-def _catalogued(
-    folder: Path, files: _Files, index: Index, problems: list[str], progress: Progress, whole: bool
-) -> Iterator[CataloguedRun]:
+def _add_file(files: _Files, path: str, name: str) -> None:
+    if name.endswith(NOTES_SUFFIX):
+        files.annotated.add(path.removesuffix(NOTES_SUFFIX))
+    elif name.endswith(_LOG_SUFFIX) or name == _REPORT_NAME:
+        with suppress(OSError):  # deleted in the meantime
+            status = os.stat(path)
+            group = files.logs if name.endswith(_LOG_SUFFIX) else files.reports
+            group[path] = status.st_size, status.st_mtime_ns
+
+
+def _read_new_files(
+    folder: Path, files: _Files, index: Index, progress: Progress, forget: bool
+) -> dict[str, dict[str, Any]]:
+    """Facts of all files, by path: from the index, or read and saved there. `forget`: remove files that are
+    not in `files` from the index."""
     absolute = {path: os.path.abspath(path) for path in (*files.logs, *files.reports)}
-    known = index.below(os.path.abspath(folder))
+    known = index.read(os.path.abspath(folder))
     stamps = {**files.logs, **files.reports}
     facts = {p: known[a][1] for p, a in absolute.items() if a in known and known[a][0] == stamps[p]}
     unread = [p for p in stamps if p not in facts]
     _logger.info("%s: %d files to read, %d known", folder, len(unread), len(facts))
-    gone = set(known) - set(absolute.values()) if whole else set()
-    read: dict[str, tuple[Stamp, dict[str, Any]]] = {}
+    deleted = set(known) - set(absolute.values()) if forget else set()
+    batch: dict[str, tuple[Stamp, dict[str, Any]]] = {}
     for done, path in enumerate(unread):
         progress(done, len(unread))
-        log = path in files.logs
-        facts[path] = asdict(read_facts(Path(path))) if log else read_report(Path(path))
-        read[absolute[path]] = stamps[path], facts[path]
-        if len(read) == _TOGETHER:
-            index.keep(read, ())
-            read = {}
+        is_log = path in files.logs
+        facts[path] = asdict(read_facts(Path(path))) if is_log else read_report(Path(path))
+        batch[absolute[path]] = stamps[path], facts[path]
+        if len(batch) == _BATCH:
+            index.update(batch, ())
+            batch = {}
     progress(len(unread), len(unread))
-    if read or gone:
-        index.keep(read, gone)
+    if batch or deleted:
+        index.update(batch, deleted)
+    return facts
 
-    # The newest report about a log counts.
+
+def _assemble_runs(
+    files: _Files, facts: dict[str, dict[str, Any]], problems: list[str]
+) -> Iterator[CataloguedRun]:
+    """Each log with the newest report about it, and with its notes."""
     reports: dict[str, tuple[str, dict[str, Any]]] = {}
     for path in sorted(files.reports, key=lambda p: files.reports[p][1]):
-        reports.update({print_: (path, said) for print_, said in facts[path].items() if print_})
+        reports.update({digest: (path, run) for digest, run in facts[path].items() if digest})
     for path, (size, _) in files.logs.items():
         own = facts[path] | {"faults": tuple(facts[path]["faults"])}
-        where, said = reports.get(own["fingerprint"], (None, None))
-        noted = _notes(path, problems) if path in files.noted else Notes()
+        report, reported = reports.get(own["fingerprint"], (None, None))
+        notes = _read_notes(path, problems) if path in files.annotated else Notes()
         yield CataloguedRun(
             Path(path),
             size,
             **own,
-            report=None if where is None else Path(where),
-            reported=None if said is None else ReportedRun(**said),
-            tags=noted.tags,
-            notes=noted.notes,
+            report=None if report is None else Path(report),
+            reported=None if reported is None else ReportedRun(**reported),
+            tags=notes.tags,
+            notes=notes.notes,
         )
 
 
-def _notes(path: str, problems: list[str]) -> Notes:
+def _read_notes(path: str, problems: list[str]) -> Notes:
     try:
         return read_notes(Path(path))
     except EldirError as error:

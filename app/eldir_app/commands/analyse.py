@@ -16,30 +16,30 @@ def analyse(
 ) -> None:
     """Draw the figures of a run: index.html, SVG, PNG and CSV.
 
-    The paper's figures of a run in the paper's scene; progress, kinds of bodies, gaits and walks of a run for
-    building.
+    For a run in the paper's scene: the paper's figures. For a run of printed robots: progress, kinds of
+    bodies, gaits and walks.
 
     Example: eldir analyse run --out figures
     """
     from eldir.core.files import require_new
     from eldir.evolution.designs import open_run
     from eldir.evolution.run_folder import RunFolder
-    from eldir_app.terminal.progress import bar
+    from eldir_app.progress import progress_bar
 
     require_new(out)  # before the run is read, which takes seconds
-    found = open_run(run)
-    with bar() as progress:
+    folder = open_run(run)
+    with progress_bar() as progress:
         task = progress.add_task("", total=1.0)
 
-        def step(what: str, part: float) -> None:
-            progress.update(task, description=what, completed=part)
+        def show(stage: str, fraction: float) -> None:
+            progress.update(task, description=stage, completed=fraction)
 
-        if isinstance(found, RunFolder):
+        if isinstance(folder, RunFolder):
             from eldir.evolution.analysis import write_analysis
 
-            write_analysis(found, out, step)
+            write_analysis(folder, out, show)
         else:
             from eldir.evolution.printed.analysis import write_printed_analysis
 
-            write_printed_analysis(found, out, step)
+            write_printed_analysis(folder, out, show)
     print(out / "index.html")

@@ -8,8 +8,7 @@ from typing import Annotated
 
 import typer
 
-from eldir.core.kernels import AskedDevice
-from eldir_app.terminal.device import DEVICE_OPTION, choose_device
+from eldir_app.options import Device, select_device
 
 benchmark = typer.Typer(help="Measure the engine; each command writes a JSON file and a plot.")
 
@@ -26,9 +25,7 @@ def _group() -> None:
 
 
 @benchmark.command()
-def speed(
-    *, out: Out, quick: Quick = False, device: Annotated[AskedDevice | None, DEVICE_OPTION] = None
-) -> None:
+def speed(*, out: Out, quick: Quick = False, device: Device = None) -> None:
     """Measure how fast robots learn: throughput, time of each part, threads, precision, memory, first use.
 
     On a device: throughput over numbers of robots, and a generation of 10 000.
@@ -37,8 +34,8 @@ def speed(
     """
     from eldir.engine.device.process import chosen_device
 
-    choose_device(device)
-    _write("speed" if chosen_device() == "cpu" else "device", out, quick)
+    select_device(device)
+    _measure("speed" if chosen_device() == "cpu" else "device", out, quick)
 
 
 @benchmark.command()
@@ -47,7 +44,7 @@ def skips(*, out: Out, quick: Quick = False) -> None:
 
     Example: eldir benchmark skips --quick --out skips
     """
-    _write("skips", out, quick)
+    _measure("skips", out, quick)
 
 
 @benchmark.command()
@@ -56,7 +53,7 @@ def accuracy(*, out: Out, quick: Quick = False) -> None:
 
     Example: eldir benchmark accuracy --quick --out accuracy
     """
-    _write("accuracy", out, quick)
+    _measure("accuracy", out, quick)
 
 
 @benchmark.command()
@@ -65,7 +62,7 @@ def stability(*, out: Out, quick: Quick = False) -> None:
 
     Example: eldir benchmark stability --quick --out stability
     """
-    _write("stability", out, quick)
+    _measure("stability", out, quick)
 
 
 @benchmark.command()
@@ -74,16 +71,16 @@ def built(*, out: Out, quick: Quick = False) -> None:
 
     Example: eldir benchmark built --quick --out built
     """
-    _write("built", out, quick)
+    _measure("built", out, quick)
 
 
-def _write(name: str, out: Path, quick: bool) -> None:
+def _measure(name: str, out: Path, quick: bool) -> None:
     """Measure, and save the numbers and their plot."""
-    from eldir.benchmark.result import save, say
+    from eldir.benchmark.measurement import save, say
     from eldir.core.files import require_new
 
     require_new(out)
-    what = import_module(f"eldir.benchmark.{name}")
-    values = what.measure(quick, say)
-    save(out, name, values, what.plot(values))
+    benchmark = import_module(f"eldir.benchmark.{name}")
+    values = benchmark.measure(quick, say)
+    save(out, name, values, benchmark.plot(values))
     typer.echo(f"{out}/{name}.json and {out}/{name}.png")

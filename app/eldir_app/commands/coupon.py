@@ -7,19 +7,19 @@ from typing import Annotated
 
 import typer
 
-from eldir_cad.kit.defaults import PRINTER
+from eldir_app.options import PartsFile, Printer, check_printer
+from eldir_cad.kit import PRINTER
 
 
 def coupon(
     out: Annotated[Path, typer.Option(help="New folder for the coupon.")],
-    printer: Annotated[str, typer.Option(help="Printer profile: its name, or a YAML file.")] = PRINTER,
-    parts: Annotated[Path | None, typer.Option(help="Specification of the parts: a YAML file.")] = None,
+    printer: Printer = PRINTER,
+    parts: PartsFile = None,
 ) -> None:
     """Write a fit coupon: a test print that gives the fit allowance of your printer.
 
     Example: eldir coupon --out coupon
     """
-    from eldir_app.commands.packet import check_printer
     from eldir_cad.kit.printer import load_printer
     from eldir_cad.kit.specification import load_specification
     from eldir_cad.packet.coupon import ALLOWANCE, write_coupon

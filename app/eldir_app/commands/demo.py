@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+if TYPE_CHECKING:
+    from eldir_app.demo import DemoResult
 
 
 def demo(
@@ -24,29 +28,36 @@ def demo(
     from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 
     from eldir.core.files import require_new
-    from eldir_app.terminal.progress import bar, stages
-    from eldir_calibration.report.page import PAPER
+    from eldir_app.progress import progress_bar, show_stages
 
     require_new(out)
-    from eldir_app.demo import folder_size, run_demo
-    from eldir_hardware.virtual.bodies import best_physics, physics_name
+    from eldir_app.demo import DemoConfig, folder_size, run_demo
 
     columns = (TextColumn("{task.description:36}"), BarColumn(), TimeElapsedColumn())
-    with bar(*columns, stays=True) as shown:
-        found = run_demo(out, seed, stages(shown), cycles=cycles)
-        shown.update(shown.task_ids[-1], completed=1.0)
-    walk, samples = found.report.displacement, found.choice.spread
-    left_out = ", ".join(f"{n} {reason}" for reason, n in found.shortlist.left_out.items())
-    typer.echo(f"{found.shortlist.considered} evolved bodies; left out: {left_out}")
-    typer.echo("body lengths per five cycles:")
-    typer.echo(f"  evolved   {walk['simulated']:+.2f}   the paper's robot {PAPER['simulated']:+.2f}")
-    sure = f"{samples.mean:+.2f} +- {samples.spread:.2f}, forward in {samples.probability_forward:.0%}"
-    if samples.fallen:
-        sure += f", falls in {samples.fallen:.0%}"
-    count = len(samples.displacement)
-    typer.echo(f"  predicted {walk['predicted']:+.2f}   over {count} samples of the shortlist {sure}")
-    typer.echo(f"  filmed    {walk['tracked']:+.2f}   the paper's robot {PAPER['tracked']:+.2f}")
-    typer.echo(f"the filmed robot was moved by {physics_name(best_physics())}")
-    for warning in (*found.report.warnings, *found.content.remarks):
-        typer.echo(f"note: {warning}")
+    with progress_bar(*columns, is_permanent=True) as progress:
+        result = run_demo(out, DemoConfig(seed, cycles=cycles), show_stages(progress))
+        progress.update(progress.task_ids[-1], completed=1.0)
+    for line in _summary(result):
+        typer.echo(line)
     typer.echo(f"open {out}/report/index.html in a browser ({folder_size(out) / 1e6:.0f} MB in {out})")
+
+
+def _summary(result: DemoResult) -> Iterator[str]:
+    """Lines that compare the evolved, the predicted and the filmed walk with those of the paper's robot."""
+    from eldir_calibration.report.page import PAPER
+    from eldir_hardware.virtual.bodies import default_physics, physics_version
+
+    walk, samples = result.report.displacement, result.choice.spread
+    rejected = ", ".join(f"{n} {reason}" for reason, n in result.shortlist.left_out.items())
+    yield f"{result.shortlist.considered} evolved bodies; left out: {rejected}"
+    yield "body lengths per five cycles:"
+    yield f"  evolved   {walk['simulated']:+.2f}   the paper's robot {PAPER['simulated']:+.2f}"
+    spread = f"{samples.mean:+.2f} +- {samples.spread:.2f}, forward in {samples.probability_forward:.0%}"
+    if samples.fallen:
+        spread += f", falls in {samples.fallen:.0%}"
+    count = len(samples.displacement)
+    yield f"  predicted {walk['predicted']:+.2f}   over {count} samples of the shortlist {spread}"
+    yield f"  filmed    {walk['tracked']:+.2f}   the paper's robot {PAPER['tracked']:+.2f}"
+    yield f"the filmed robot was moved by {physics_version(default_physics())}"
+    for warning in (*result.report.warnings, *result.content.remarks):
+        yield f"note: {warning}"

@@ -7,11 +7,12 @@ from typing import Annotated
 
 import typer
 
-from eldir_cad.kit.defaults import PRINTER
+from eldir_app.options import DesignFile, PartsFile, Printer, check_printer
+from eldir_cad.kit import PRINTER
 
 
 def export(
-    design: Annotated[Path, typer.Argument(help="Design file.")],
+    design: DesignFile,
     out: Annotated[Path, typer.Option(help="Model file to write, MJCF (.xml).")],
     schedule: Annotated[
         Path | None,
@@ -20,8 +21,8 @@ def export(
     rig: Annotated[
         Path | None, typer.Option(help="Rig file: springs and supply of the schedule. Default: nominal ones.")
     ] = None,
-    printer: Annotated[str, typer.Option(help="Printer profile: its name, or a YAML file.")] = PRINTER,
-    parts: Annotated[Path | None, typer.Option(help="Specification of the parts: a YAML file.")] = None,
+    printer: Printer = PRINTER,
+    parts: PartsFile = None,
 ) -> None:
     """Write the nominal robot as a MuJoCo model, with the shapes of its parts in a folder beside it.
 
@@ -30,7 +31,6 @@ def export(
     Example: eldir export design.json --schedule schedule.json --out robot.xml
     """
     from eldir.design import Design
-    from eldir_app.commands.packet import check_printer
     from eldir_cad.kit.printer import load_printer
     from eldir_cad.kit.specification import load_specification
     from eldir_hardware.planning.model_export import export_robot

@@ -1,18 +1,28 @@
-"""The commands that write heating schedules: `eldir gait` and `eldir rig hold`."""
+"""The command `eldir gait`."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from eldir_app.options import DesignFile, SceneFile, ScheduleOutput, ScheduleRigFile
+
+if TYPE_CHECKING:
+    from eldir.built.scene import PrintedScene
+    from eldir.design import Design
+    from eldir_hardware.rig.configuration import Rig
+    from eldir_hardware.safety.compatibility import PacketWiring
+    from eldir_hardware.schedule import ActuationSchedule
+
 
 def gait(
-    design: Annotated[Path, typer.Argument(help="Design file.")],
-    rig: Annotated[Path, typer.Option(help="Rig file: springs, supply, limits and channels.")],
-    out: Annotated[Path, typer.Option(help="Schedule file to write, JSON.")],
+    design: DesignFile,
+    rig: ScheduleRigFile,
+    out: ScheduleOutput,
     imitate: Annotated[
         bool,
         typer.Option(
@@ -23,9 +33,7 @@ def gait(
         Path | None, typer.Option(help="Also draw one predicted cycle into this file, PNG.")
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Random seed of the samples.")] = 0,
-    scene: Annotated[
-        Path | None, typer.Option(help="Identified robot: a file of eldir calibrate dynamics.")
-    ] = None,
+    scene: SceneFile = None,
 ) -> None:
     """Write a heating schedule for a design on a rig, and predict how far the robot walks.
 
@@ -36,63 +44,84 @@ def gait(
 
     Example: eldir gait design.json --rig rig.yaml --out schedule.json
     """
-    from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn
-
-    from eldir.built.scene import BuiltScene
-    from eldir.built.walking import describe_ties
+    from eldir.built.scene import PrintedScene
     from eldir.core.files import require_ending, require_new, write_bytes
     from eldir.design import Design
-    from eldir_app.terminal.progress import bar
-    from eldir_hardware.planning.heat_preview import describe_walk
-    from eldir_hardware.planning.heat_preview import heat_figure as draw
-    from eldir_hardware.planning.plan import plan
-    from eldir_hardware.planning.precision import remark
+    from eldir_hardware.planning.heat_prediction import draw_heat
     from eldir_hardware.rig.configuration import Rig
-    from eldir_hardware.rig.packet_wiring import packet_of, wiring_note
-    from eldir_hardware.rig.supply import implausible_springs
-    from eldir_hardware.safety.margins import describe
+    from eldir_hardware.rig.supply import find_implausible_springs
+    from eldir_hardware.safety.compatibility import packet_wiring
 
     require_ending("--picture", picture, ".png")
     require_new(out, picture)
-    robot, rig_file = Design.load(design), Rig.load(rig)
-    known = None if scene is None else BuiltScene.load(scene)
-    columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
-    with bar(*columns, note="planning: about a minute, or several where springs cool slowly") as progress:
-        task = progress.add_task("reading", total=None)
-        schedule = plan(
-            robot,
-            rig_file,
-            imitate=imitate,
-            seed=seed,
-            design_file=os.path.relpath(design, out.parent),
-            scene=known,
-            stage=lambda what: progress.update(task, description=what),
-        )
+    robot, loaded = Design.load(design), Rig.load(rig)
+    identified = None if scene is None else PrintedScene.load(scene)
+    design_file = os.path.relpath(design, out.parent)
+    schedule = _plan(robot, loaded, imitate, seed, design_file, identified)
     schedule.save(out)
     if picture is not None:
-        write_bytes(picture, draw(schedule))
-    for method, walk in schedule.predicted.displacement.items():
-        chosen = "*" if method == schedule.predicted.method else " "
-        typer.echo(f"{chosen} {method}: {'; '.join(describe_walk(walk))}")
-    own = schedule.predicted.walk
-    if own is not None and own.tie_share is not None:
-        typer.echo(describe_ties(own.tie_share))
-    if schedule.predicted.choice is not None:
-        typer.echo(schedule.predicted.choice)
-    if known is not None and not known.model_fits:
+        write_bytes(picture, draw_heat(schedule))
+    for line in _prediction_lines(schedule):
+        typer.echo(line)
+    if identified is not None and not identified.model_fits:
         typer.echo(
             f"note: it is not certain that the model in {scene} fits the films, so its values are unreliable"
         )
-    packet = packet_of(design, robot.morphology.motors)
-    for note in implausible_springs(rig_file).values():
-        typer.echo(f"warning: {note}", err=True)
-    if note := wiring_note(rig_file, packet):
-        typer.echo(f"note: not wired as {packet.source} says: {note}")
-    if note := remark(schedule, rig_file):
-        typer.echo(f"note: {note}")
-    if schedule.predicted.margins is not None:
-        typer.echo(describe(schedule.predicted.margins, rig_file))
+    for warning in find_implausible_springs(loaded).values():
+        typer.echo(f"warning: {warning}", err=True)
+    for line in _rig_lines(schedule, loaded, packet_wiring(design, robot.morphology.motors)):
+        typer.echo(line)
     typer.echo(
         f"wrote {out}: {schedule.cycles} cycles of {schedule.period_s:g} s, "
         f"springs at most {schedule.predicted.peak_c:.0f} C"
     )
+
+
+def _plan(
+    design: Design, rig: Rig, imitate: bool, seed: int, design_file: str, scene: PrintedScene | None
+) -> ActuationSchedule:
+    """Plan the schedule with a progress bar."""
+    from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    from eldir_app.progress import progress_bar
+    from eldir_hardware.planning.plan import PlanConfig, plan
+
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
+    note = "planning: about a minute, or several where springs cool slowly"
+    with progress_bar(*columns, note=note) as progress:
+        task = progress.add_task("reading", total=None)
+        return plan(
+            design,
+            rig,
+            PlanConfig(imitate, seed, design_file=design_file, scene=scene),
+            lambda stage: progress.update(task, description=stage),
+        )
+
+
+def _prediction_lines(schedule: ActuationSchedule) -> Iterator[str]:
+    """The predicted walk of each method, and why the gait was chosen."""
+    from eldir.built.walking import describe_ties
+    from eldir_hardware.planning.heat_prediction import describe_walk
+
+    predicted = schedule.predicted
+    for method, walk in predicted.displacement.items():
+        chosen = "*" if method == predicted.method else " "
+        yield f"{chosen} {method}: {'; '.join(describe_walk(walk))}"
+    if predicted.walk is not None and predicted.walk.tie_share is not None:
+        yield describe_ties(predicted.walk.tie_share)
+    if predicted.choice is not None:
+        yield predicted.choice
+
+
+def _rig_lines(schedule: ActuationSchedule, rig: Rig, packet: PacketWiring) -> Iterator[str]:
+    """Notes on the wiring and the timing, and the margins to the limits of the rig."""
+    from eldir_hardware.planning.compiler import describe_precision
+    from eldir_hardware.safety.compatibility import compare_wiring
+    from eldir_hardware.safety.margins import describe_margins
+
+    if note := compare_wiring(rig, packet):
+        yield f"note: not wired as {packet.source} says: {note}"
+    if note := describe_precision(schedule, rig):
+        yield f"note: {note}"
+    if schedule.predicted.margins is not None:
+        yield describe_margins(schedule.predicted.margins, rig)

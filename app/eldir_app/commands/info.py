@@ -23,34 +23,35 @@ def info(
 
     Example: eldir info > info.txt
     """
-    found = describe()
-    print(json.dumps(found, indent=1) if as_json else "\n".join(_lines(found)))
+    installation = describe()
+    print(json.dumps(installation, indent=1) if as_json else "\n".join(_lines(installation)))
 
 
 def version_lines() -> str:
-    """Version of eldir; below it those of the engine's compiler and of the key libraries."""
-    known = ((name, installed(name)) for name in (*COMPILERS, *_LIBRARIES))
-    named = [f"Python {platform.python_version()}", *(f"{n} {v}" for n, v in known if v)]
-    return f"eldir {__version__}\n{', '.join(named)}"
+    """Version of eldir; on the second line those of Python, the engine's compiler and the main libraries."""
+    versions = ((name, installed(name)) for name in (*COMPILERS, *_LIBRARIES))
+    parts = [f"Python {platform.python_version()}", *(f"{n} {v}" for n, v in versions if v)]
+    return f"eldir {__version__}\n{', '.join(parts)}"
 
 
-def _lines(found: dict[str, Any]) -> Iterator[str]:
-    own, machine, compiler = found["eldir"], found["platform"], found["compiler"]
+def _lines(installation: dict[str, Any]) -> Iterator[str]:
+    own, machine = installation["eldir"], installation["platform"]
+    compiler = installation["compiler"]
     yield f"eldir      {own['version']}, source {own['source']}, in {own['folder']}"
-    yield f"Python     {found['python']['version']}, {found['python']['implementation']}"
+    yield f"Python     {installation['python']['version']}, {installation['python']['implementation']}"
     yield f"platform   {machine['system']}"
     vectors = ", ".join(machine["vectors"]) or "unknown"
     yield f"processor  {machine['processor']}, {machine['cores']} cores, vectors {vectors}"
     yield f"memory     {machine['memory_gb']} GB"
     yield f"compiler   {compiler['chosen']}; installed: {_versions(compiler['installed'])}"
-    yield f"libraries  {_versions(found['libraries'])}"
-    for name, libraries in found["extras"].items():
+    yield f"libraries  {_versions(installation['libraries'])}"
+    for name, libraries in installation["extras"].items():
         missing = [n for n, v in libraries.items() if v is None]
         remedy = f"not installed: pip install 'eldir[{name}]'" if missing else _versions(libraries)
         yield f"extra      {name}: {remedy}"
     for kind in ("plug-ins", "ports", "cameras"):
-        yield f"{kind:10} {', '.join(found[kind]) or 'none'}"
-    yield f"variables  {', '.join(f'{n}={v}' for n, v in found['variables'].items()) or 'none'}"
+        yield f"{kind:10} {', '.join(installation[kind]) or 'none'}"
+    yield f"variables  {', '.join(f'{n}={v}' for n, v in installation['variables'].items()) or 'none'}"
 
 
 def _versions(libraries: Mapping[str, str | None]) -> str:

@@ -31,12 +31,12 @@ def markers(
     """
     from eldir.core.files import require_new, write_bytes
     from eldir_hardware.camera.tags import require_dictionary
-    from eldir_hardware.markers.registration import kinds, marker_kind
+    from eldir_hardware.markers.registration import installed_kinds, load_kind
     from eldir_hardware.markers.sheet import marker_sheet, tag_sheet
 
     require_dictionary(dictionary, tags)
     require_new(out)
-    sheets = {f"{kind}.pdf": marker_sheet(marker_kind(kind)) for kind in marker or kinds()}
+    sheets = {f"{kind}.pdf": marker_sheet(load_kind(kind)) for kind in marker or installed_kinds()}
     sheets["reference-tags.pdf"] = tag_sheet(dictionary, tags, 1e-3 * tag_side_mm)
     out.mkdir(parents=True)
     for name, data in sheets.items():

@@ -7,14 +7,15 @@ from typing import Annotated
 
 import typer
 
-from eldir_cad.kit.defaults import PRINTER
+from eldir_app.options import DesignFile, PartsFile, Printer, check_printer
+from eldir_cad.kit import PRINTER
 
 
 def packet(
-    design: Annotated[Path, typer.Argument(help="Design file.")],
+    design: DesignFile,
     out: Annotated[Path, typer.Option(help="New folder for the packet.")],
-    printer: Annotated[str, typer.Option(help="Printer profile: its name, or a YAML file.")] = PRINTER,
-    parts: Annotated[Path | None, typer.Option(help="Specification of the parts: a YAML file.")] = None,
+    printer: Printer = PRINTER,
+    parts: PartsFile = None,
     without_motor: Annotated[
         int | None,
         typer.Option(help="Replace the motor with this number, from 0, by a passive spring.", min=0),
@@ -39,26 +40,17 @@ def packet(
     robot = Design.load(design)
     check_printer(printer)
     try:
-        weight = None if ballast is None else Ballast.parse(ballast, robot.morphology)
+        mass = None if ballast is None else Ballast.parse(ballast, robot.morphology)
     except InputError as error:
         raise typer.BadParameter(str(error), param_hint="--ballast") from None
-    variant = Variant(without_motor, weight)
+    variant = Variant(without_motor, mass)
     console = Console(stderr=True)
     with console.status("computing parts and plates"):
-        made = write_packet(robot, out, load_specification(parts), load_printer(printer), variant)
-    for violation in made.report.violations:
+        written = write_packet(robot, out, load_specification(parts), load_printer(printer), variant)
+    for violation in written.report.violations:
         console.print(f"{violation.severity}: {violation}", markup=False, highlight=False, soft_wrap=True)
-    totals = made.manifest.totals
+    totals = written.manifest.totals
     if as_json:
         print((out / "manifest.json").read_text(), end="")
     else:
         print(f"{out}: {totals.parts} parts on {totals.plates} plates, {totals.weight_g:.0f} g of resin")
-
-
-def check_printer(name: str) -> None:
-    """Raise `typer.BadParameter` if the text is neither the name of a profile nor a YAML file."""
-    from eldir_cad.kit.printer import printers
-
-    if Path(name).suffix not in (".yaml", ".yml") and name not in printers():
-        known = ", ".join(printers())
-        raise typer.BadParameter(f"expected {known} or a .yaml file; found {name!r}", param_hint="--printer")

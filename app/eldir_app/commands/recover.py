@@ -21,6 +21,7 @@ def recover(
     from eldir_hardware.log.recover import recover_log
 
     require_ending("--out", out, ".mcap")
-    found = recover_log(log, out)
-    kept = ", ".join(found.attachments) or "no attachments"
-    print(f"{out}: {found.messages} messages over {found.seconds:.1f} s, {kept}; {found.losses}")
+    recovered = recover_log(log, out)
+    attachments = ", ".join(recovered.attachments) or "no attachments"
+    size = f"{recovered.messages} messages over {recovered.seconds:.1f} s"
+    print(f"{out}: {size}, {attachments}; {recovered.losses}")

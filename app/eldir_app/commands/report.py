@@ -34,31 +34,35 @@ def report(
     from eldir.core.worker_process import WorkerProcess
 
     require_new(out)
-    # The worker imports while this process does.
+    # The worker process imports at the same time as this one.
     with WorkerProcess("eldir_calibration.comparison.predictions") as worker:
         from rich.progress import SpinnerColumn, TextColumn
 
-        from eldir.built.scene import BuiltScene
+        from eldir.built.scene import PrintedScene
         from eldir.design import Design
-        from eldir_app.terminal.progress import bar
-        from eldir_calibration.comparison.motions import report_content
+        from eldir_app.progress import progress_bar
+        from eldir_calibration.comparison.motions import prepare_report
         from eldir_calibration.report.page import write_report
 
         robot = Design.load(design)
-        known = None if scene is None else BuiltScene.load(scene)
+        identified = None if scene is None else PrintedScene.load(scene)
         columns = (SpinnerColumn(), TextColumn("tracking: {task.completed} frames"))
-        with bar(*columns) as progress:
+        with progress_bar(*columns) as progress:
             task = progress.add_task("", total=None)
-            content = report_content(logs, robot, worker, lambda n: progress.update(task, completed=n), known)
-    found = write_report(content, out)
+
+            def show(frames: int) -> None:
+                progress.update(task, completed=frames)
+
+            content = prepare_report(logs, robot, worker, show, identified)
+    motion = write_report(content, out)
     if as_json:
         typer.echo((out / "report.json").read_text(), nl=False)
         return
-    for warning in (*found.warnings, *content.remarks):
+    for warning in (*motion.warnings, *content.remarks):
         typer.echo(f"note: {warning}")
     typer.echo(content.verdict.text)
-    whose = {"predicted": " (most probable robot)"}
+    comment = {"predicted": " (most probable robot)"}
     walks = ", ".join(
-        f"{kind} {value:+.2f}{whose.get(kind, '')}" for kind, value in found.displacement.items()
+        f"{kind} {value:+.2f}{comment.get(kind, '')}" for kind, value in motion.displacement.items()
     )
     typer.echo(f"wrote {out}/index.html; body lengths per five cycles: {walks}")

@@ -9,14 +9,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eldir_app.catalogue.columns import Column
+from eldir_app.catalogue import Column
 
 if TYPE_CHECKING:
     from eldir_app.catalogue.comparison import ComparedRun
     from eldir_app.catalogue.runs import Catalogue, CataloguedRun
 
-_COMPARED = 8
-"""Most runs in one comparison: as many colours can be told apart."""
+_MAX_COMPARED = 8  # the palette has as many colours
 
 
 def runs(
@@ -53,7 +52,7 @@ def runs(
     Example: eldir runs films --find bench --sort filmed
     """
     from eldir.core.files import require_ending, require_new
-    from eldir_app.catalogue.listing import ordered, selected
+    from eldir_app.catalogue.listing import ordered, selected, write_page
 
     places = paths or [Path()]
     for option, file in (("--page", page), ("--compare", compare)):
@@ -61,86 +60,84 @@ def runs(
     require_new(page, compare)
     if note is not None or tag or untag:
         _annotate(places, note, tag or [], untag or [])
-    found = _found(places)
-    chosen = ordered(selected(found.runs, find or [], since and since.date()), sort, reverse)
-    if compare is not None and not 2 <= len(chosen) <= _COMPARED:
+    catalogue = _find_runs(places)
+    chosen = ordered(selected(catalogue.runs, find or [], since and since.date()), sort, reverse)
+    if compare is not None and not 2 <= len(chosen) <= _MAX_COMPARED:
         raise typer.BadParameter(
-            f"--compare overlays 2 to {_COMPARED} runs, these are {len(chosen)}; name the logs, or choose "
-            "them with --find"
+            f"--compare overlays 2 to {_MAX_COMPARED} runs, these are {len(chosen)}; name the logs, or "
+            "choose them with --find"
         )
     if page is not None:
-        from eldir_app.catalogue.page import write_page
-
         write_page(chosen, page)
     if compare is not None:
         _compare([run.log for run in chosen], compare)
-    _print(found, chosen, as_json)
+    _print_runs(catalogue, chosen, as_json)
     for file in (page, compare):
         if file is not None:
             typer.echo(f"wrote {file}", err=as_json)
 
 
 def _annotate(places: list[Path], note: str | None, tags: list[str], untags: list[str]) -> None:
-    from eldir_app.catalogue.notes import read_notes, write_notes
+    from eldir_app.catalogue.facts import read_notes, write_notes
 
     if len(places) != 1 or not places[0].is_file() or places[0].suffix != ".mcap":
         raise typer.BadParameter("--note, --tag and --untag are for one log: eldir runs LOG --note TEXT")
     write_notes(places[0], read_notes(places[0]).changed(note, tags, untags))
 
 
-def _found(places: list[Path]) -> Catalogue:
+def _find_runs(places: list[Path]) -> Catalogue:
+    """Find the runs with a progress bar."""
     from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
 
     from eldir_app.catalogue.index import Index, index_file
     from eldir_app.catalogue.runs import find_runs
-    from eldir_app.terminal.progress import bar
+    from eldir_app.progress import progress_bar
 
     with (
-        bar(TextColumn("reading logs"), BarColumn(), MofNCompleteColumn()) as progress,
+        progress_bar(TextColumn("reading logs"), BarColumn(), MofNCompleteColumn()) as progress,
         Index(index_file()) as index,
     ):
         task = progress.add_task("reading logs", total=None)
         return find_runs(
-            places, index, lambda done, every: progress.update(task, completed=done, total=every)
+            places, index, lambda done, total: progress.update(task, completed=done, total=total)
         )
 
 
 def _compare(logs: Sequence[Path], page: Path) -> None:
     from rich.progress import SpinnerColumn, TextColumn
 
-    from eldir_app.catalogue.comparison import compared_run
-    from eldir_app.catalogue.page import write_comparison
-    from eldir_app.terminal.progress import bar
+    from eldir_app.catalogue.comparison import compared_run, write_comparison
+    from eldir_app.progress import progress_bar
 
-    with bar(SpinnerColumn(), TextColumn("{task.description}: {task.completed} frames")) as progress:
+    with progress_bar(SpinnerColumn(), TextColumn("{task.description}: {task.completed} frames")) as progress:
         task = progress.add_task("tracking", total=None)
 
-        def tracked(log: Path) -> ComparedRun:
+        def track(log: Path) -> ComparedRun:
             progress.update(task, description=f"tracking {log.name}", completed=0)
             return compared_run(log, lambda frames: progress.update(task, completed=frames))
 
-        compared = [tracked(log) for log in logs]
+        compared = [track(log) for log in logs]
     write_comparison(compared, page)
 
 
-def _print(found: Catalogue, chosen: Sequence[CataloguedRun], as_json: bool) -> None:
+def _print_runs(catalogue: Catalogue, chosen: Sequence[CataloguedRun], as_json: bool) -> None:
     import json
     from dataclasses import asdict
 
     from eldir_app.catalogue.listing import table
     from eldir_app.catalogue.runs import FORMAT
 
-    for problem in found.problems:
+    for problem in catalogue.problems:
         typer.echo(f"note: {problem}", err=True)
     if as_json:
         values = {"format": FORMAT, "runs": [asdict(run) for run in chosen]}
         typer.echo(json.dumps(values, indent=1, ensure_ascii=False, default=str))
         return
     damaged = sum(bool(run.damage) for run in chosen)
-    left = len(found.runs) - len(chosen)
+    hidden = len(catalogue.runs) - len(chosen)
     counts = [
         "1 run" if len(chosen) == 1 else f"{len(chosen)} runs",
         damaged and f"{damaged} damaged",
-        left and f"{left} not chosen",
+        hidden and f"{hidden} not chosen",
     ]
     typer.echo("\n".join([*table(chosen), ", ".join(c for c in counts if c)]))

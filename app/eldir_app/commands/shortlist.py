@@ -7,19 +7,19 @@ from typing import Annotated
 
 import typer
 
-from eldir_cad.kit.defaults import PRINTER, SEED, TOP
+from eldir_app.options import PartsFile, Printer, SceneFile, check_printer
+from eldir_cad.kit import PRINTER
+from eldir_cad.shortlist import MAX_DESIGNS, SEED
 
 
 def shortlist(
     run: Annotated[Path, typer.Argument(help="Run folder of eldir evolve.")],
     out: Annotated[Path, typer.Option(help="New folder for the designs and the ranking.")],
-    top: Annotated[int, typer.Option(help="Largest number of designs to keep.", min=1, max=12)] = TOP,
-    printer: Annotated[str, typer.Option(help="Printer profile: its name, or a YAML file.")] = PRINTER,
-    parts: Annotated[Path | None, typer.Option(help="Specification of the parts: a YAML file.")] = None,
+    top: Annotated[int, typer.Option(help="Largest number of designs to keep.", min=1, max=12)] = MAX_DESIGNS,
+    printer: Printer = PRINTER,
+    parts: PartsFile = None,
     seed: Annotated[int, typer.Option(help="Random seed of the samples.", min=0)] = SEED,
-    scene: Annotated[
-        Path | None, typer.Option(help="Identified robot: a file of eldir calibrate dynamics.")
-    ] = None,
+    scene: SceneFile = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the ranking as JSON.")] = False,
 ) -> None:
     """Choose designs to build, and rank them by the predicted walk of the printed robot.
@@ -32,12 +32,11 @@ def shortlist(
     """
     import json
 
-    from eldir.built.scene import BuiltScene
+    from eldir.built.scene import PrintedScene
     from eldir.core.files import require_new
     from eldir.evolution.designs import load_run, open_run
     from eldir.evolution.printed.run_folder import PrintedRun
-    from eldir_app.commands.packet import check_printer
-    from eldir_app.terminal.progress import bar, stages
+    from eldir_app.progress import progress_bar, show_stages
     from eldir_cad.kit.printer import load_printer
     from eldir_cad.kit.specification import load_specification
     from eldir_cad.shortlist.folder import write_shortlist
@@ -46,11 +45,12 @@ def shortlist(
     check_printer(printer)
     require_new(out)  # before the minutes that the ranking takes
     specification, profile = load_specification(parts), load_printer(printer)
-    known = None if scene is None else BuiltScene.load(scene)
-    designs, opened = load_run(run), open_run(run)
-    springs = opened.config.springs if isinstance(opened, PrintedRun) else None
-    with bar(note="ranking: 1 to 5 minutes") as bars:
-        best = rank(designs, top, specification, profile, seed, stages(bars), known, springs)
+    identified = None if scene is None else PrintedScene.load(scene)
+    designs, folder = load_run(run), open_run(run)
+    springs = folder.config.springs if isinstance(folder, PrintedRun) else None
+    with progress_bar(note="ranking: 1 to 5 minutes") as progress:
+        show = show_stages(progress)
+        best = rank(designs, top, specification, profile, seed, show, identified, springs)
     rows = write_shortlist(best, out)
     if as_json:
         print(json.dumps([row.to_json() for row in rows], indent=1))
@@ -58,5 +58,5 @@ def shortlist(
     for row in rows:
         walks = row.predicted.sampled_walks
         print(f"{row.file}: {walks}, {walks.forward}")
-    others = ", ".join(f"{n} {kind}" for kind, n in best.left_out.items())
-    print(f"{out}: {len(rows)} of {best.considered} different bodies; left out: {others or 'none'}")
+    rejected = ", ".join(f"{n} {kind}" for kind, n in best.left_out.items())
+    print(f"{out}: {len(rows)} of {best.considered} different bodies; left out: {rejected or 'none'}")

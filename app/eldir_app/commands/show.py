@@ -10,7 +10,7 @@ import typer
 if TYPE_CHECKING:
     from eldir.design import Design
 
-_RATE = 25  # frames a second
+_FRAME_RATE = 25  # [1/s]
 
 
 def show(
@@ -38,18 +38,18 @@ def show(
     if target.suffix == ".png":
         write_bytes(target, picture(robot))
     else:
-        _film(robot, target)
+        _write_video(robot, target)
     print(target)
 
 
-def _film(robot: Design, target: Path) -> None:
+def _write_video(robot: Design, target: Path) -> None:
     from eldir.rollout import simulate
     from eldir.show import frames
-    from eldir_app.terminal.progress import bar
+    from eldir_app.progress import progress_bar
     from eldir_hardware.images.video import write_webm
 
     rollout = simulate([robot.morphology], [robot.controller], robot.scene)[0]
-    count = int(robot.scene.steps * robot.scene.dt * _RATE) + 1
-    with bar() as progress:
-        film = progress.track(frames(robot, rollout, _RATE), total=count, description="drawing")
-        write_webm(target, film, _RATE)
+    count = int(robot.scene.steps * robot.scene.dt * _FRAME_RATE) + 1
+    with progress_bar() as progress:
+        film = progress.track(frames(robot, rollout, _FRAME_RATE), total=count, description="drawing")
+        write_webm(target, film, _FRAME_RATE)

@@ -17,6 +17,6 @@ def status(
     Example: eldir status run
     """
     from eldir.evolution.designs import open_run
-    from eldir_app.terminal.evolution_run import print_status
+    from eldir_app.evolution_run import print_status
 
     print_status(open_run(run), as_json)

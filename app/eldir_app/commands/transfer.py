@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+if TYPE_CHECKING:
+    from eldir_calibration.transfer.page import TransferResult
 
 
 def transfer(
@@ -42,61 +46,82 @@ def transfer(
     Example: eldir transfer shortlist/design_01.json shortlist/design_02.json --out transfer
     """
     from eldir.core.files import require_new
-    from eldir.design import Design
-    from eldir.errors import InputError
 
     require_new(out)
     names = [str(path) for path in designs]
-    if len(set(names)) < len(names):
-        raise InputError("a design is named twice", expected="different files", found=", ".join(names))
-    for path in designs:
-        Design.load(path)  # a wrong file is told before what takes seconds to import
+    _require_designs(names)
+    result = _compare(names, _TransferConfig(samples, cycles, phases, seed, rig, explain))
 
-    from eldir_hardware.virtual.mujoco_body import engine_name
+    from eldir_calibration.transfer.page import write_transfer
 
-    engine = engine_name()
-
-    from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
-
-    from eldir_app.terminal.progress import bar
-    from eldir_calibration.transfer.transfer import (
-        TransferSettings,
-        compare_walks,
-        first_seeds,
-        steps,
-        walking_design,
-    )
-    from eldir_calibration.transfer.transfer_explained import STEPS
-    from eldir_calibration.transfer.transfer_explained import explain as explained_walk
-    from eldir_calibration.transfer.transfer_page import TransferResult, write_transfer
-    from eldir_hardware.planning.workshop import workshop
-    from eldir_hardware.rig.configuration import Rig
-
-    springs = workshop().springs if rig is None else Rig.load(rig).spring_parameters()
-    settings = TransferSettings(samples, cycles, phases, seed, springs)
-    with bar(TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn()) as progress:
-        task = progress.add_task("reading designs", total=None)
-        walking = [
-            walking_design(name, settings.springs, lambda what: progress.update(task, description=what))
-            for name in names
-        ]
-        progress.update(task, total=steps(walking, settings) + explain * STEPS * len(walking))
-
-        def show(what: str, done: float) -> None:
-            progress.update(task, description=what, advance=done)
-
-        compared = compare_walks(walking, settings, show)
-        explained = [
-            explained_walk(one, first_seeds(number, settings)[0], settings, show)
-            for number, one in enumerate(walking if explain else [])
-        ]
-    result = TransferResult(walking, compared, explained, settings, engine)
     write_transfer(result, out)
     if as_json:
         typer.echo((out / "transfer.json").read_text(), nl=False)
         return
-    for sentence in result.verdict.in_words:
+    for sentence in result.verdict.sentences:
         typer.echo(sentence)
-    for one in explained:
-        typer.echo(f"{one.file}: {one.finding}")
+    for explained in result.explained:
+        typer.echo(f"{explained.file}: {explained.finding}")
     typer.echo(f"wrote {out}/transfer.html")
+
+
+@dataclass(frozen=True)
+class _TransferConfig:
+    """The options of the comparison."""
+
+    samples: int
+    cycles: int
+    phases: int
+    seed: int
+    rig: Path | None
+    explain: bool
+
+
+def _require_designs(names: list[str]) -> None:
+    """Raise `InputError` for a design that is given twice or cannot be read, before the slow imports."""
+    from eldir.design import Design
+    from eldir.errors import InputError
+
+    if len(set(names)) < len(names):
+        raise InputError("the same design is given twice", expected="different files", found=", ".join(names))
+    for name in names:
+        Design.load(name)
+
+
+def _compare(names: list[str], config: _TransferConfig) -> TransferResult:
+    """Predict the walks, simulate them with MuJoCo, and compare, with a progress bar."""
+    from eldir_hardware.virtual.mujoco_body import mujoco_version
+
+    engine = mujoco_version()  # raises without MuJoCo, before the slow imports
+
+    from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
+
+    from eldir_app.progress import progress_bar
+    from eldir_calibration.transfer import compared_walks, verdict
+    from eldir_calibration.transfer.page import TransferResult
+    from eldir_hardware.planning.workshop import make_workshop
+    from eldir_hardware.rig.configuration import Rig
+
+    springs = make_workshop().springs if config.rig is None else Rig.load(config.rig).spring_parameters()
+    settings = compared_walks.TransferConfig(
+        config.samples, config.cycles, config.phases, config.seed, springs
+    )
+    with progress_bar(TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn()) as progress:
+        task = progress.add_task("reading designs", total=None)
+
+        def show_stage(stage: str) -> None:
+            progress.update(task, description=stage)
+
+        def show(stage: str, done: float) -> None:
+            progress.update(task, description=stage, advance=done)
+
+        walking = [compared_walks.load_walking_design(name, settings.springs, show_stage) for name in names]
+        steps = compared_walks.count_steps(walking, settings)
+        steps += config.explain * verdict.STEPS_PER_EXPLANATION * len(walking)
+        progress.update(task, total=steps)
+        compared = compared_walks.compare_walks(walking, settings, show)
+        explained = [
+            verdict.explain_walk(design, compared_walks.robot_seeds(index, settings)[0], settings, show)
+            for index, design in enumerate(walking if config.explain else [])
+        ]
+    return TransferResult(walking, compared, explained, settings, engine)

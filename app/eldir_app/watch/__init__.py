@@ -1,4 +1,4 @@
 """The live page of a run: a server that follows the log, and shows it to browsers.
 
-It reads; it never opens a port and starts no heat. Its Stop is `eldir rig off` in a process of its own.
+The server only reads; it never opens a port of a board. Its stop is `eldir rig off` in a separate process.
 """

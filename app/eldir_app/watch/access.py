@@ -1,4 +1,4 @@
-"""Who may ask the server for what: a token, and strict checks of Host and Origin."""
+"""Which requests the server accepts: a token, and strict checks of the headers Host and Origin."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from collections.abc import Awaitable, Callable, Mapping, MutableMapping
 from contextlib import suppress
 from typing import Any
 
-from eldir_hardware.safety.state_folder import state_folder
+from eldir_hardware.safety.state_folder import open_state_folder
 
 Scope = MutableMapping[str, Any]
 Receive = Callable[[], Awaitable[MutableMapping[str, Any]]]
@@ -21,23 +21,23 @@ App = Callable[[Scope, Receive, Send], Awaitable[None]]
 
 COOKIE = "eldir_watch"
 _TOKEN_FILE = ".watch-token"  # files without the dot are records of stops
-_SHORTEST = 32  # of a token [characters]
+_MIN_TOKEN_LENGTH = 32  # [characters]
 _HOST = re.compile(r"(\[[0-9A-Fa-f:.]+\]|[0-9A-Za-z.-]+)(?::[0-9]{1,5})?")
-_OPEN = ("/", "/enter")
-_FILES = (".css", ".js", ".svg")
-"""What a page needs before it can ask for the token; nothing of the rig is in it."""
+_OPEN_PATHS = ("/", "/enter")
+_OPEN_SUFFIXES = (".css", ".js", ".svg")
+"""What a page needs before it can ask for the token; it contains nothing about the rig."""
 _STOP, _START = "/stop", "/start"
 
 
-def kept_token() -> str:
-    """The token of this user: the same after a restart of the server, so that pages that are open go on.
+def load_token() -> str:
+    """The token of this user, made on first use. It stays the same, so that open pages work after a restart.
 
-    Raises `EldirError` where the folder of the latched stops cannot be trusted.
+    Raises `EldirError` if the folder of the latched stops cannot be trusted.
     """
-    with state_folder(alone=True) as folder:
+    with open_state_folder(exclusive=True) as folder:
         with suppress(FileNotFoundError):
             token = folder.read(_TOKEN_FILE).decode(errors="replace").strip()
-            if len(token) >= _SHORTEST:
+            if len(token) >= _MIN_TOKEN_LENGTH:
                 return token
         token = secrets.token_urlsafe(32)
         folder.write(_TOKEN_FILE, token.encode())
@@ -54,16 +54,16 @@ class Access:
         free_stop: bool = False,
         local: bool = False,
     ):
-        """`token`: None where nothing needs one. `names`: of this computer, besides its own; `free_stop`: the
-        Stop needs no token; `local`: everybody on this computer may look and stop, and only the start needs
-        it."""
+        """`token`: None if nothing needs one. `names`: of this computer, besides its own. `free_stop`: the
+        stop needs no token. `local`: everybody on this computer may look and stop; only the start needs the
+        token."""
         self._secret = None if token is None else _digest(token)
-        own = socket.gethostname().lower()
-        self._names = {"localhost", own, f"{own}.local", *(n.lower() for n in names)}
+        own_name = socket.gethostname().lower()
+        self._names = {"localhost", own_name, f"{own_name}.local", *(n.lower() for n in names)}
         self._free_stop, self._local = free_stop, local
 
     def knows_host(self, host: str) -> bool:
-        """Whether a Host header means this computer: an address, which no foreign site has, or a known
+        """Whether a Host header means this computer: an IP address, which no other site can claim, or a known
         name."""
         match = _HOST.fullmatch(host)
         if match is None:
@@ -75,37 +75,37 @@ class Access:
             return True
         return False
 
-    def may(self, path: str, headers: Mapping[str, str]) -> bool:
-        """Whether a request bears the token where it must. Nothing starts without one."""
+    def is_allowed(self, path: str, headers: Mapping[str, str]) -> bool:
+        """Whether a request has the token, if its path needs one. The start always does."""
         if path == _START:
-            return self._secret is not None and self._bears(headers)
+            return self._secret is not None and self._has_token(headers)
         if (
             self._local
             or self._secret is None
-            or path in _OPEN
-            or path.endswith(_FILES)
+            or path in _OPEN_PATHS
+            or path.endswith(_OPEN_SUFFIXES)
             or (path == _STOP and self._free_stop)
         ):
             return True
-        return self._bears(headers)
+        return self._has_token(headers)
 
-    def _bears(self, headers: Mapping[str, str]) -> bool:
-        return self.is_token(headers) or hmac.compare_digest(_cookie(headers), self._secret or "")
+    def _has_token(self, headers: Mapping[str, str]) -> bool:
+        return self.has_bearer_token(headers) or hmac.compare_digest(_cookie(headers), self._secret or "")
 
-    def is_token(self, headers: Mapping[str, str]) -> bool:
-        """Whether `Authorization: Bearer TOKEN` is right."""
+    def has_bearer_token(self, headers: Mapping[str, str]) -> bool:
+        """Whether the header `Authorization: Bearer TOKEN` has the token."""
         kind, _, token = headers.get("authorization", "").partition(" ")
-        given = _digest(token.strip())
-        return self._secret is None or (kind == "Bearer" and hmac.compare_digest(given, self._secret))
+        digest = _digest(token.strip())
+        return self._secret is None or (kind == "Bearer" and hmac.compare_digest(digest, self._secret))
 
     @property
     def cookie(self) -> str:
-        """For the browser that has shown the token: it holds a digest, not the token."""
+        """For a browser that has sent the token: it contains a digest, not the token."""
         return f"{COOKIE}={self._secret or ''}; Path=/; HttpOnly; SameSite=Strict; Max-Age=2592000"
 
 
-class Guarded:
-    """The application behind the rules; it also sets the headers that keep a page to itself."""
+class GuardedApp:
+    """The application behind the rules; it also sets the headers that isolate the page from other sites."""
 
     def __init__(self, app: App, access: Access):
         self._app, self._access = app, access
@@ -121,14 +121,14 @@ class Guarded:
         elif scope["type"] == "websocket":
             await send({"type": "websocket.close", "code": 1008})
         else:
-            text = {400: "wrong Host", 401: "the token is missing", 403: "wrong Origin"}[status]
+            text = {400: "unknown Host", 401: "the token is missing", 403: "foreign Origin"}[status]
             plain = [(b"content-type", b"text/plain")]
             hardened = _with_headers(send, "")
             await hardened({"type": "http.response.start", "status": status, "headers": plain})
             await hardened({"type": "http.response.body", "body": f"{text}\n".encode()})
 
     def is_stop(self, head: bytes) -> bool:
-        """Whether the head of a request, as it came, is that of a Stop that is allowed."""
+        """Whether the raw head of a request is that of an allowed stop."""
         if not head.startswith(b"POST /stop "):
             return False
         lines = head.partition(b"\r\n\r\n")[0].split(b"\r\n")[1:]
@@ -142,30 +142,30 @@ class Guarded:
             return 400
         reads = scope["type"] == "http" and scope["method"] in ("GET", "HEAD")
         if not reads and headers.get("origin") != f"http://{headers['host']}":
-            return 403  # the page of another site, or no page
-        if not self._access.may(scope["path"], headers):
+            return 403  # a page of another site, or no page
+        if not self._access.is_allowed(scope["path"], headers):
             return 401
         return None
 
 
 def _headers(scope: Scope) -> dict[str, str]:
-    """By name; of a header that is there twice nothing counts."""
-    found: dict[str, str] = {}
+    """Headers by name; a header that occurs twice is empty."""
+    headers: dict[str, str] = {}
     for name, value in scope["headers"]:
         key = name.decode("latin-1").lower()
-        found[key] = "" if key in found else value.decode("latin-1")
-    return found
+        headers[key] = "" if key in headers else value.decode("latin-1")
+    return headers
 
 
 def _with_headers(send: Send, host: str) -> Send:
-    """Headers of every answer: it ends its connection; no foreign script, style, picture or frame."""
+    """Add the headers of every answer: close the connection; no foreign script, style, picture or frame."""
     connections = f"'self' ws://{host}" if host else "'self'"
     policy = (
         f"default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; "
         f"connect-src {connections}; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
     )
     extra = [
-        (b"connection", b"close"),  # one request each: a crowd of connections keeps no place
+        (b"connection", b"close"),  # one request each: idle connections do not use up the places
         (b"content-security-policy", policy.encode()),
         (b"x-content-type-options", b"nosniff"),
         (b"referrer-policy", b"no-referrer"),
@@ -174,12 +174,12 @@ def _with_headers(send: Send, host: str) -> Send:
         (b"cache-control", b"no-store"),
     ]
 
-    async def sending(message: MutableMapping[str, Any]) -> None:
+    async def send_with_headers(message: MutableMapping[str, Any]) -> None:
         if message["type"] == "http.response.start":
             message["headers"] = [*message.get("headers", ()), *extra]
         await send(message)
 
-    return sending
+    return send_with_headers
 
 
 def _digest(token: str) -> str:

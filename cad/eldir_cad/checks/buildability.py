@@ -1,6 +1,6 @@
 """The build filter: the reasons why a design cannot be built, or would not stand on the table.
 
-Each kind of fault has its own check below; `eldir_cad.checks.violations` has the records of the results.
+Each kind of violation has its own check below; `eldir_cad.checks.violations` has the records of the results.
 """
 
 from __future__ import annotations
@@ -10,96 +10,106 @@ from functools import lru_cache
 
 import numpy as np
 
-from eldir.built.robot import build
-from eldir.built.statics import freedoms, held_motors, static_margin
+from eldir.built.robot import build, count_mechanisms, find_held_motors, static_margin
 from eldir.lattice import HALF_SIDE
 from eldir.morphology import Morphology
 from eldir.parameters.springs import SpringParameters
-from eldir_cad.checks.contacts import leads, nearest_contacts
-from eldir_cad.checks.rigidity import degrees_of_freedom, hinges
+from eldir_cad.checks._contacts import find_contacts, find_leads
+from eldir_cad.checks._kinematics import (
+    AT_REST,
+    Stroke,
+    degrees_of_freedom,
+    find_hinges,
+    foot_stroke,
+    max_shortening,
+    simulate_stroke,
+    socket_turns,
+)
 from eldir_cad.checks.strip_law import StripLaw, built_parameters, spring_parameters
-from eldir_cad.checks.stroke import AT_REST, Stroke, foot_stroke, shortening, socket_turns, stroke
 from eldir_cad.checks.violations import BuildReport, Severity, Violation
 from eldir_cad.geometry.parts import cap, connector, fitting, mass_volume, strip
 from eldir_cad.geometry.plates import Size, count_plates
 from eldir_cad.kit.printer import Printer
 from eldir_cad.kit.specification import Specification
 
-_LISTED = 3  # parts of a kind that are named one by one
-_Found = tuple[list[Violation], dict[str, float]]
+_MAX_LISTED = 3  # violations of a kind that are listed one by one
+_CheckResult = tuple[list[Violation], dict[str, float]]
 
 
 def check(morphology: Morphology, spec: Specification, printer: Printer) -> BuildReport:
-    """Check a body. A refused body is not checked further, because the simulation of its motion may take
-    long."""
-    violations = [*_workspace(morphology, spec), *_motors(morphology, spec)]
+    """Check whether a body can be printed, assembled and driven, and whether it stands.
+
+    A refused body is not checked further, because the simulation of its motion may take long.
+    """
+    violations = [*_check_workspace(morphology, spec), *_check_motors(morphology, spec)]
     figures: dict[str, float] = {}
     if not violations:
         law = StripLaw.of(spec, printer)
-        motion = stroke(morphology, spec, law)
-        for found, numbers in (
-            _hinges(morphology, spec),
-            _mechanisms(morphology, spec),
-            _coils(morphology, spec),
-            _collisions(motion, morphology, spec),
-            _strains(motion, morphology, spec, printer, law),
-            _turns(motion, morphology, spec),
-            _standing(motion, morphology, spec, printer),
-            _wires(motion, morphology, spec),
-            _counts(morphology, spec, printer),
+        motion = simulate_stroke(morphology, spec, law)
+        for new_violations, values in (
+            _check_hinges(morphology, spec),
+            _check_mechanisms(morphology, spec),
+            _check_coils(morphology, spec),
+            _check_collisions(motion, morphology, spec),
+            _check_strains(motion, morphology, spec, printer, law),
+            _check_socket_turns(motion, morphology, spec),
+            _check_stability(motion, morphology, spec, printer),
+            _check_leads(motion, morphology, spec),
+            _count_parts(morphology, spec, printer),
         ):
-            violations += found
-            figures |= {name: round(float(value), 6) for name, value in numbers.items()}
+            violations += new_violations
+            figures |= {name: round(float(value), 6) for name, value in values.items()}
     return BuildReport.of(violations, figures)
 
 
-def _workspace(morphology: Morphology, spec: Specification) -> list[Violation]:
+def _check_workspace(morphology: Morphology, spec: Specification) -> list[Violation]:
     width, height = np.ptp(morphology.positions, axis=0) / HALF_SIDE
     rows, columns = round(height / np.sqrt(3)), round(width) - 1
-    room = spec.workspace
-    over = max(rows - room.rows, columns - room.columns)
-    if over <= 0:
+    limit = spec.workspace
+    excess = max(rows - limit.rows, columns - limit.columns)
+    if excess <= 0:
         return []
     message = (
         f"the body fills {rows} x {columns} triangles (rows x columns); the workspace is "
-        f"{room.rows} x {room.columns}"
+        f"{limit.rows} x {limit.columns}"
     )
-    remedy = f"evolve in this workspace: eldir evolve --lattice {room.rows}x{room.columns}"
-    return [Violation("workspace", "refused", ("body",), over, "triangles", message, remedy)]
+    remedy = f"evolve in this workspace: eldir evolve --lattice {limit.rows}x{limit.columns}"
+    return [Violation("workspace", "refused", ("body",), excess, "triangles", message, remedy)]
 
 
-def _motors(morphology: Morphology, spec: Specification) -> list[Violation]:
-    most, found = spec.workspace.motors, morphology.motors
+def _check_motors(morphology: Morphology, spec: Specification) -> list[Violation]:
+    allowed, motors = spec.workspace.motors, morphology.motors
     names = tuple(f"spring {i}" for i in np.flatnonzero(morphology.active))
-    if found == 0:
-        message, by = "the body has no active spring, so it cannot move", 1
-    elif found > most:
-        message, by = f"the body has {found} active springs; at most {most} can be built", found - most
+    if motors == 0:
+        message, excess = "the body has no active spring, so it cannot move", 1
+    elif motors > allowed:
+        message = f"the body has {motors} active springs; at most {allowed} can be built"
+        excess = motors - allowed
     else:
         return []
-    remedy = f"evolve with motors: eldir evolve --max-motors {most}"
-    return [Violation("motors", "refused", names, by, "springs", message, remedy)]
+    remedy = f"evolve with motors: eldir evolve --max-motors {allowed}"
+    return [Violation("motors", "refused", names, excess, "springs", message, remedy)]
 
 
-def _hinges(morphology: Morphology, spec: Specification) -> _Found:
-    found = hinges(morphology)
+def _check_hinges(morphology: Morphology, spec: Specification) -> _CheckResult:
+    hinges = find_hinges(morphology)
     violations = []
-    for hinge in found:
-        alone = "nothing else holds them together" if hinge.separates else "they are also joined elsewhere"
-        message = f"mass {hinge.mass} is a hinge between {hinge.fans} parts of the body; {alone}"
-        remedy = _held(spec, "watch the play of its sockets")
+    for hinge in hinges:
+        rest = "nothing else joins them" if hinge.separates else "they are also joined elsewhere"
+        message = f"mass {hinge.mass} is a hinge between {hinge.parts} parts of the body; {rest}"
+        remedy = _remedy(spec, "watch the play of its sockets")
         violations.append(
-            Violation("hinge", "note", (f"mass {hinge.mass}",), hinge.fans, "parts", message, remedy)
+            Violation("hinge", "note", (f"mass {hinge.mass}",), hinge.parts, "parts", message, remedy)
         )
-    return violations, {"hinges": len(found)}
+    return violations, {"hinges": len(hinges)}
 
 
-def _mechanisms(morphology: Morphology, spec: Specification) -> _Found:
+def _check_mechanisms(morphology: Morphology, spec: Specification) -> _CheckResult:
     at, springs = morphology.positions, morphology.springs
     free = degrees_of_freedom(at, springs)
     figures: dict[str, float] = {
         "freedoms": free,
-        "freedoms_generic": freedoms(at, springs),
+        "freedoms_generic": count_mechanisms(at, springs),
         # These are what the motors drive: a body without any is rigid and hardly moves.
         "freedoms_without_motors": degrees_of_freedom(at, springs[~morphology.active]),
     }
@@ -110,7 +120,7 @@ def _mechanisms(morphology: Morphology, spec: Specification) -> _Found:
         if clamped:
             message = f"only its clamped strips keep the body from folding in {free} way(s)"
         severity: Severity = "note" if clamped else "unfit"
-        remedy = _held(spec, "choose another design, or print clamped strips: strip.turn_deg 0")
+        remedy = _remedy(spec, "choose another design, or print clamped strips: strip.turn_deg 0")
         violations.append(
             Violation("mechanism", severity, ("body",), free, "degrees of freedom", message, remedy)
         )
@@ -129,15 +139,15 @@ def _mechanisms(morphology: Morphology, spec: Specification) -> _Found:
     return violations, figures
 
 
-def _coils(morphology: Morphology, spec: Specification) -> _Found:
-    """Coils that the strips hold shorter than they are when hot."""
-    held = held_motors(morphology.positions, morphology.springs, morphology.active)
+def _check_coils(morphology: Morphology, spec: Specification) -> _CheckResult:
+    """Coils that have less room between fixed masses than they need when hot."""
+    fixed = find_held_motors(morphology.positions, morphology.springs, morphology.active)
     springs = spring_parameters(spec)
     shorter = springs.hot_length - 1e-3 * spec.pitch
     buckles = float(springs.buckling_shortening(np.array(springs.hot_length)))
     violations = []
-    if len(held) and shorter > buckles:
-        names = tuple(f"spring {i}" for i in held)
+    if len(fixed) and shorter > buckles:
+        names = tuple(f"spring {i}" for i in fixed)
         message = (
             f"strips hold the masses at both ends of {', '.join(names)}: hot, the coil is "
             f"{1e3 * shorter:.0f} mm too long for its place; it buckles at {1e3 * buckles:.1f} mm"
@@ -147,38 +157,38 @@ def _coils(morphology: Morphology, spec: Specification) -> _Found:
         violations.append(
             Violation("coil", "unfit", names, ratio, "times the shortening at buckling", message, remedy)
         )
-    return violations, {"held_motors": len(held), "coil_buckling_mm": 1e3 * buckles}
+    return violations, {"held_motors": len(fixed), "coil_buckling_mm": 1e3 * buckles}
 
 
-def _held(spec: Specification, otherwise: str) -> str:
+def _remedy(spec: Specification, otherwise: str) -> str:
     return "seat its strips without play" if spec.strip.turn_deg == 0 else otherwise
 
 
-def _collisions(motion: Stroke, morphology: Morphology, spec: Specification) -> _Found:
-    found = nearest_contacts(motion, morphology, spec)
+def _check_collisions(motion: Stroke, morphology: Morphology, spec: Specification) -> _CheckResult:
+    contacts = find_contacts(motion, morphology, spec)
     violations = []
-    for contact in found[:_LISTED]:
+    for contact in contacts[:_MAX_LISTED]:
         one, other = contact.parts
-        lack = spec.clearance - contact.gap
+        missing = spec.clearance - contact.gap
         remedy = "choose another design"
         if contact.pose != AT_REST:
             remedy = "heat for less time, or choose another design"
-        message = f"{one} and {other} need {lack:.1f} mm more clearance, {contact.pose}"
-        violations.append(Violation("collision", "unfit", contact.parts, lack, "mm", message, remedy))
-    return violations, {"collisions": len(found)}
+        message = f"{one} and {other} need {missing:.1f} mm more clearance, {contact.pose}"
+        violations.append(Violation("collision", "unfit", contact.parts, missing, "mm", message, remedy))
+    return violations, {"collisions": len(contacts)}
 
 
-def _strains(
+def _check_strains(
     motion: Stroke, morphology: Morphology, spec: Specification, printer: Printer, law: StripLaw
-) -> _Found:
+) -> _CheckResult:
     """Bending of the strips at the greatest shortening of all combinations of hot motors."""
     allowed = printer.material.strain_limit / spec.safety.strain
-    short = shortening(motion, morphology)
+    short = max_shortening(motion, morphology)
     passive = np.flatnonzero(~morphology.active).tolist()
     strains = {i: law.surface_strain(min(float(short[i]), 0.9 * law.length)) for i in passive}
     order = sorted(strains, key=lambda i: -strains[i])
     violations = []
-    for i in order[:_LISTED]:
+    for i in order[:_MAX_LISTED]:
         if strains[i] > allowed:
             message = (
                 f"spring {i} is shortened by {short[i]:.1f} mm: its surface strain is {strains[i]:.1%}, "
@@ -194,8 +204,8 @@ def _strains(
     return violations, {"greatest_strain": strains[order[0]] if order else 0.0}
 
 
-def _turns(motion: Stroke, morphology: Morphology, spec: Specification) -> _Found:
-    """Springs that rotate further than their sockets allow: they are then not pinned, as is simulated."""
+def _check_socket_turns(motion: Stroke, morphology: Morphology, spec: Specification) -> _CheckResult:
+    """Springs that rotate further than their sockets allow: the simulation, with pins, is then wrong."""
     turns = np.degrees(socket_turns(motion, morphology))
     worst, allowed = int(turns.argmax()), spec.strip.turn_deg
     figures = {"greatest_turn_deg": float(turns[worst])}
@@ -210,17 +220,19 @@ def _turns(motion: Stroke, morphology: Morphology, spec: Specification) -> _Foun
     return [Violation("turn", "note", (f"mass {worst}",), by, "degrees", message, remedy)], figures
 
 
-def _standing(motion: Stroke, morphology: Morphology, spec: Specification, printer: Printer) -> _Found:
+def _check_stability(
+    motion: Stroke, morphology: Morphology, spec: Specification, printer: Printer
+) -> _CheckResult:
     margin = 1e3 * static_margin(build(morphology, built_parameters(spec, printer)))
     spread = foot_stroke(motion)
     violations = []
-    asked, safe = spec.safety.static_margin, spec.safety.static_margin_safe
+    required, safe = spec.safety.static_margin, spec.safety.static_margin_safe
     where = f"its centre of mass lies {margin:.0f} mm inside its feet"
     remedy = "choose a design with feet further apart"
-    if margin < asked:
-        message = f"{where}, {asked:.0f} mm are required: the robot may fall over"
+    if margin < required:
+        message = f"{where}, {required:.0f} mm are required: the robot may fall over"
         violations.append(
-            Violation("static margin", "unfit", ("feet",), asked - margin, "mm", message, remedy)
+            Violation("static margin", "unfit", ("feet",), required - margin, "mm", message, remedy)
         )
     elif margin < safe:
         message = f"{where}; one in four of such robots falls over, but hardly any with {safe:.0f} mm"
@@ -235,30 +247,30 @@ def _standing(motion: Stroke, morphology: Morphology, spec: Specification, print
     return violations, {"static_margin_mm": margin, "foot_stroke_mm": spread}
 
 
-def _wires(motion: Stroke, morphology: Morphology, spec: Specification) -> _Found:
+def _check_leads(motion: Stroke, morphology: Morphology, spec: Specification) -> _CheckResult:
     """Whether both leads of every motor can leave outwards, and do not touch the table."""
     ground = 1e-6 + float(motion.rest[:, 1].min())
     violations = []
-    found = leads(motion, morphology, spec)
-    for lead in found:
-        if lead.room < spec.clearance:
-            lack = spec.clearance - lead.room
+    leads = find_leads(motion, morphology, spec)
+    for lead in leads:
+        if lead.clearance < spec.clearance:
+            missing = spec.clearance - lead.clearance
             message = (
-                f"the lead of S{lead.motor} at mass {lead.mass} needs {lack:.1f} mm more room beside "
+                f"the lead of S{lead.motor} at mass {lead.mass} needs {missing:.1f} mm more room beside "
                 f"{lead.nearest}"
             )
             parts = (f"S{lead.motor}", lead.nearest)
             remedy = "heat for less time, or choose another design"
-            violations.append(Violation("wire", "unfit", parts, lack, "mm", message, remedy))
+            violations.append(Violation("wire", "unfit", parts, missing, "mm", message, remedy))
     for motor, (a, b) in enumerate(morphology.springs[morphology.active].tolist()):
         if motion.rest[[a, b], 1].max() <= ground:
             message = f"S{motor} lies on the table: the robot may drag its leads along"
             remedy = "fix its leads to the masses above"
             violations.append(Violation("wire", "note", (f"S{motor}",), 0.0, "mm", message, remedy))
-    return violations, {"longest_lead_mm": max(lead.length for lead in found)}
+    return violations, {"longest_lead_mm": max(lead.length for lead in leads)}
 
 
-def _counts(morphology: Morphology, spec: Specification, printer: Printer) -> _Found:
+def _count_parts(morphology: Morphology, spec: Specification, printer: Printer) -> _CheckResult:
     """Printed parts and plates of both planes, their resin without supports, and the robot's weight."""
     degree = Counter(morphology.springs.ravel().tolist()).values()
     masses, full = len(degree), sum(n == 6 for n in degree)
@@ -288,10 +300,10 @@ def _counts(morphology: Morphology, spec: Specification, printer: Printer) -> _F
 @lru_cache(maxsize=8)
 def _kit(spec: Specification) -> tuple[dict[str, float], dict[str, Size]]:
     """Volumes and sizes of the parts. The volume of a mass depends on its sockets (`mass_volume`)."""
-    made = {p.name: p for p in (strip(spec), fitting(spec), connector(spec), cap(spec))}
+    parts = {p.name: p for p in (strip(spec), fitting(spec), connector(spec), cap(spec))}
     sizes: dict[str, Size] = {}
-    for name, part in made.items():
+    for name, part in parts.items():
         x, y, z = (float(e) for e in part.mesh.extents)
         sizes[name] = (x, y, z)
     sizes["mass"] = (spec.mass.across_flats, spec.mass.across_corners, spec.mass.height)
-    return {name: part.volume for name, part in made.items()}, sizes
+    return {name: part.volume for name, part in parts.items()}, sizes

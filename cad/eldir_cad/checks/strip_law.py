@@ -101,7 +101,7 @@ def built_parameters(spec: Specification, printer: Printer) -> BuiltParameters:
     # Most masses with a connector have four springs.
     open_mass = mass_volume(spec, 4) + connector(spec).volume / 2
     corner = spec.mass.across_corners / 2
-    found = {
+    values = {
         "pitch": 1e-3 * spec.pitch,
         "tension": 1e3 * law.tension,
         "buckling": law.buckling,
@@ -112,7 +112,7 @@ def built_parameters(spec: Specification, printer: Printer) -> BuiltParameters:
         "active_spring": SpringParameters().mass + 2 * gram * fitting(spec).volume,
         "gyration": 1e-3 * corner * math.sqrt(5 / 12),
     }
-    return BuiltParameters(**{name: _rounded(value) for name, value in found.items()})
+    return BuiltParameters(**{name: _rounded(value) for name, value in values.items()})
 
 
 def hub_parameters(spec: Specification, printer: Printer) -> BuiltParameters:

@@ -13,20 +13,20 @@ Severity = Literal["refused", "unfit", "note"]
 
 @record
 class Violation(Record):
-    """A violation: one fault, or one fact that the workshop must know, with a remedy."""
+    """A violation of the build rules, or a note for the workshop, with a remedy."""
 
     kind: str
-    """What is wrong, such as collision."""
+    """Kind of the violation, such as collision."""
     severity: Severity
-    """refused: no packet; unfit: the shortlist leaves the design out; note: the workshop must know."""
+    """refused: no packet is written; unfit: the design is not put on a shortlist; note: for the workshop."""
     parts: tuple[str, ...]
     """Names of the parts concerned."""
     amount: int | float
-    """Amount by which the limit is missed, in `unit`."""
+    """Amount by which the limit is exceeded or missed, in `unit`."""
     unit: str
     """Unit of the amount."""
     message: str
-    """The fault in words."""
+    """Description of the violation."""
     remedy: str
     """What to do."""
 
@@ -41,11 +41,11 @@ class BuildReport(Record):
     buildable: bool
     """Whether a packet may be written: nothing is refused."""
     fit: bool
-    """Whether the design belongs on a shortlist: there are notes at most."""
+    """Whether the design may be on a shortlist: there are only notes."""
     figures: dict[str, float]
     """Figures of the design; the names end with the units."""
     violations: tuple[Violation, ...]
-    """Faults, and facts that the workshop must know."""
+    """Violations, and notes for the workshop."""
 
     @classmethod
     def of(cls, violations: Sequence[Violation], figures: dict[str, float]) -> BuildReport:
@@ -54,7 +54,7 @@ class BuildReport(Record):
         return cls("refused" not in kinds, kinds <= {"note"}, figures, tuple(violations))
 
     def require_buildable(self) -> None:
-        """Raise `InputError` with the first reason against building."""
+        """Raise `InputError` with the first reason why the design cannot be built."""
         for v in self.violations:
             if v.severity == "refused":
                 raise InputError(

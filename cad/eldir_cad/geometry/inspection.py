@@ -1,7 +1,7 @@
-"""Measurement of a mesh in its printing pose: closed, thick enough, and its overhangs and hollows [mm].
+"""Measurement of a mesh in its printing pose: walls, gaps, overhangs and hollows [mm].
 
 Everything here is read from the mesh that is written to the file, not from the drawing: walls and slots
-along rays, overhangs, islands and cups from layer to layer, in the pose the part is printed in.
+along rays, overhangs, islands and cups from layer to layer, in the printing pose.
 """
 
 from __future__ import annotations
@@ -16,12 +16,17 @@ from pydantic import Field
 
 from eldir.core.records import BoolArray, Record, Rounded, record
 from eldir.errors import EldirError
-from eldir_cad.geometry.thickness import facing_faces, facing_levels, facing_sides, self_intersections
+from eldir_cad.geometry.thickness import (
+    measure_inclined,
+    measure_levels,
+    measure_section,
+    self_intersections,
+)
 from eldir_cad.kit.printer import Printer
 
-_LEVEL = 1e-3  # heights closer than this are one [mm]
-_SPECK = 0.02  # area below which a difference of two layers is rounding [mm2]
-_BRIDGE = 1.0  # overhangs up to this width hold without supports [mm]
+_TOLERANCE = 1e-3  # heights closer than this are equal [mm]
+_MIN_AREA = 0.02  # a smaller difference of two layers is rounding [mm2]
+_MAX_BRIDGE = 1.0  # overhangs up to this width hold without supports [mm]
 
 
 @record
@@ -63,11 +68,11 @@ class Inspection(Record):
 def inspect(mesh: trimesh.Trimesh, printer: Printer) -> Inspection:
     """Measure a part in its printing pose."""
     slabs = list(_slabs(mesh, printer.layer))
-    levels, leaning = facing_levels(mesh), facing_faces(mesh, np.flatnonzero(_leaning(mesh)))
-    wall, gap = min(levels[0], leaning[0]), min(levels[1], leaning[1])
+    levels, inclined = measure_levels(mesh), measure_inclined(mesh, np.flatnonzero(_is_inclined(mesh)))
+    wall, gap = min(levels[0], inclined[0]), min(levels[1], inclined[1])
     for slab in slabs:
-        if slab.upright:
-            sides = facing_sides([np.asarray(c, np.float64) for c in slab.section.to_polygons()])
+        if slab.is_prism:
+            sides = measure_section([np.asarray(c, np.float64) for c in slab.section.to_polygons()])
             wall, gap = min(wall, sides[0]), min(gap, sides[1])
     overhangs, islands = _unsupported(slabs, printer.layer)
     cups, sealed = _hollows(slabs)
@@ -92,116 +97,122 @@ def _levels(features: Sequence[Feature]) -> list[float]:
     return sorted({round(f.z, 1) for f in features})
 
 
-def require_printable(name: str, mesh: trimesh.Trimesh, found: Inspection, printer: Printer) -> None:
+def require_printable(name: str, mesh: trimesh.Trimesh, inspection: Inspection, printer: Printer) -> None:
     """Raise `EldirError` for a mesh that intersects itself or has features too fine for the printer."""
-    crossing = self_intersections(mesh)
-    if crossing:
-        a, b = crossing[0]
+    crossings = self_intersections(mesh)
+    if crossings:
+        a, b = crossings[0]
         raise EldirError(
-            f"part {name} cuts through itself",
+            f"the surface of part {name} intersects itself",
             code="part.cuts-itself",
             expected="a surface without crossings",
-            found=f"{len(crossing)} pairs of faces, {a} and {b} the first",
+            found=f"{len(crossings)} pairs of faces, {a} and {b} the first",
             remedy="check the dimensions in the specification",
         )
-    least = printer.minimum
-    for what, value, allowed in (("wall", found.wall, least.wall), ("gap", found.gap, least.gap)):
-        if value < allowed - _LEVEL:
+    minimum = printer.minimum
+    for feature, size, allowed in (
+        ("wall", inspection.wall, minimum.wall),
+        ("gap", inspection.gap, minimum.gap),
+    ):
+        if size < allowed - _TOLERANCE:
             raise EldirError(
-                f"part {name} has a {what} that {printer.name} does not print",
+                f"part {name} has a {feature} below the minimum of {printer.name}",
                 code="part.too-fine",
                 expected=f"at least {allowed:g} mm",
-                found=f"{value:.2f} mm, measured on its mesh",
+                found=f"{size:.2f} mm, measured on its mesh",
                 remedy="change the specification or choose another printer",
             )
 
 
 class _Slab(NamedTuple):
-    """A slab: the volume between two levels where the sides are upright, otherwise one layer."""
+    """A slab: the volume between two levels where the sides are vertical, otherwise one layer."""
 
     bottom: float
     top: float
     section: CrossSection
-    upright: bool
+    is_prism: bool
 
 
-def _leaning(mesh: trimesh.Trimesh) -> BoolArray:
+def _is_inclined(mesh: trimesh.Trimesh) -> BoolArray:
     z = np.asarray(mesh.triangles)[:, :, 2]
-    return np.asarray((np.abs(mesh.face_normals[:, 2]) > 1e-3) & (np.ptp(z, axis=1) > _LEVEL))
+    return np.asarray((np.abs(mesh.face_normals[:, 2]) > 1e-3) & (np.ptp(z, axis=1) > _TOLERANCE))
 
 
 def _slabs(mesh: trimesh.Trimesh, layer: float) -> Iterator[_Slab]:
-    """The part from below upwards."""
+    """The slabs of a part, from the plate upwards."""
     solid = Manifold(Mesh64(np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.uint64)))
     heights = np.sort(np.asarray(mesh.vertices)[:, 2])
-    levels = heights[np.concatenate([[True], np.diff(heights) > _LEVEL])]
-    z = np.asarray(mesh.triangles)[_leaning(mesh), :, 2]
+    levels = heights[np.concatenate([[True], np.diff(heights) > _TOLERANCE])]
+    z = np.asarray(mesh.triangles)[_is_inclined(mesh), :, 2]
     low, high = z.min(axis=1), z.max(axis=1)
     edges = levels[:1].tolist()
     for top in levels[1:].tolist():
-        crossed = bool(((low < top - _LEVEL) & (high > edges[-1] + _LEVEL)).any())
-        steps = max(1, round((top - edges[-1]) / layer)) if crossed else 1
+        is_inclined = bool(((low < top - _TOLERANCE) & (high > edges[-1] + _TOLERANCE)).any())
+        steps = max(1, round((top - edges[-1]) / layer)) if is_inclined else 1
         for level in np.linspace(edges[-1], top, steps + 1)[1:].tolist():
-            middle = solid.slice((edges[-1] + level) / 2)
-            yield _Slab(edges[-1], level, middle, not crossed)
+            section = solid.slice((edges[-1] + level) / 2)
+            yield _Slab(edges[-1], level, section, not is_inclined)
             edges.append(level)
 
 
 def _unsupported(slabs: list[_Slab], layer: float) -> tuple[list[Feature], list[Feature]]:
     """Overhangs and islands, level by level. The supported area grows sideways by 45 degrees upwards."""
     overhangs, islands = [], []
-    carried, below = slabs[0].section, slabs[0].section
+    supported, below = slabs[0].section, slabs[0].section
     for bottom, top, above, _ in slabs[1:]:
-        out = above - carried.offset(layer, JoinType.Round, circular_segments=16)
+        overhang = above - supported.offset(layer, JoinType.Round, circular_segments=16)
         for piece in above.decompose():
-            if piece.area() > _SPECK and (piece ^ below).area() < 1e-6:
+            if piece.area() > _MIN_AREA and (piece ^ below).area() < 1e-6:
                 islands.append(Feature(round(bottom, 3), round(piece.area(), 3)))
-                out = out - piece
-        pieces = out.decompose()
-        narrow = [p for p in pieces if p.offset(-_BRIDGE / 2, JoinType.Round).is_empty()]
-        area = out.area() - sum(p.area() for p in narrow)
-        if area > _SPECK:
+                overhang = overhang - piece
+        pieces = overhang.decompose()
+        narrow = [p for p in pieces if p.offset(-_MAX_BRIDGE / 2, JoinType.Round).is_empty()]
+        area = overhang.area() - sum(p.area() for p in narrow)
+        if area > _MIN_AREA:
             overhangs.append(Feature(round(bottom, 3), round(area, 3)))
-        # What is narrow holds as it is, but carries nothing until it has grown over.
-        held = CrossSection.batch_boolean([above, *narrow], OpType.Subtract)
-        grown = held.offset(top - bottom, JoinType.Round, circular_segments=16)
-        carried = (above ^ grown).simplify(_LEVEL)  # or its corners multiply
+        # A narrow overhang holds by itself, but supports nothing until more layers cover it.
+        holding = CrossSection.batch_boolean([above, *narrow], OpType.Subtract)
+        grown = holding.offset(top - bottom, JoinType.Round, circular_segments=16)
+        supported = (above ^ grown).simplify(_TOLERANCE)  # otherwise the number of corners grows
         below = above
     return overhangs, islands
 
 
 def _hollows(slabs: list[_Slab]) -> tuple[list[Feature], list[Feature]]:
-    """Cups that stay open at their end away from the plate, and hollows that are closed again."""
+    """Cups, which are open at their end away from the plate, and sealed hollows, which are closed there
+    too."""
     cups, sealed = [], []
-    open_cups: list[tuple[float, float, CrossSection]] = []  # where it began, volume, its section
-    before = CrossSection.square((0.0, 0.0))
+    open_cups: list[tuple[float, float, CrossSection]] = []  # start height, volume, section
+    previous = CrossSection.square((0.0, 0.0))
     for bottom, top, section, _ in slabs:
-        filled = CrossSection([c for c in section.to_polygons() if _turns_left(c)], FillRule.Positive)
-        going_on: list[tuple[float, float, CrossSection]] = []
-        taken: set[int] = set()
+        filled = CrossSection(
+            [c for c in section.to_polygons() if _is_counter_clockwise(c)], FillRule.Positive
+        )
+        continued: list[tuple[float, float, CrossSection]] = []
+        counted: set[int] = set()
         for hollow in (filled - section).decompose():
-            if hollow.area() < _SPECK:
+            if hollow.area() < _MIN_AREA:
                 continue
-            under = [k for k, (_, _, s) in enumerate(open_cups) if (s ^ hollow).area() > _SPECK]
-            # What was open below, beside the cups, lets resin out.
-            free = hollow - before
+            under = [k for k, (_, _, s) in enumerate(open_cups) if (s ^ hollow).area() > _MIN_AREA]
+            # Resin flows out where the hollow was open below, beside the cups.
+            free = hollow - previous
             for k in under:
                 free = free - open_cups[k][2]
-            if bottom > slabs[0].bottom and free.area() > _SPECK:
+            if bottom > slabs[0].bottom and free.area() > _MIN_AREA:
                 continue
             start = min([open_cups[k][0] for k in under], default=bottom)
-            # One that parts keeps its volume in the first of its parts.
-            volume = sum(open_cups[k][1] for k in under if k not in taken) + hollow.area() * (top - bottom)
-            taken |= set(under)
-            going_on.append((start, volume, hollow))
+            # A cup that divides adds its volume to the first of its parts.
+            volume = sum(open_cups[k][1] for k in under if k not in counted) + hollow.area() * (top - bottom)
+            counted |= set(under)
+            continued.append((start, volume, hollow))
         for k, (start, volume, cup) in enumerate(open_cups):
-            if k not in taken and (cup - section).area() < _SPECK:
+            if k not in counted and (cup - section).area() < _MIN_AREA:
                 sealed.append(Feature(round(start, 3), round(volume, 2)))
-        open_cups, before = going_on, section
+        open_cups, previous = continued, section
     cups += [Feature(round(start, 3), round(volume, 2)) for start, volume, _ in open_cups]
     return cups, sealed
 
 
-def _turns_left(contour: object) -> bool:
+def _is_counter_clockwise(contour: object) -> bool:
     x, y = np.asarray(contour, np.float64).T
     return bool((x * np.roll(y, -1) - y * np.roll(x, -1)).sum() > 0)

@@ -10,10 +10,10 @@ from manifold3d import CrossSection, Manifold, OpType
 
 from eldir.core.arguments import require_value
 from eldir.parameters.wiring import FACES, Face
-from eldir_cad.geometry.shapes import box, disc, extrude, hexagon, mesh_of, number, plug
+from eldir_cad.geometry.shapes import box, circle, extrude, hexagon, number, plug, to_mesh
 from eldir_cad.kit.specification import Specification
 
-_LEAST_FILL, _MOST_FILL = 1.5, 40.0  # depths of a ballast holder [mm]
+_MIN_FILL, _MAX_FILL = 1.5, 40.0  # depth of the filling of a ballast holder [mm]
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,18 +47,18 @@ def mass(
     body = extrude(hexagon(m.across_flats), 0, m.height)
     sockets = [socket(spec).rotate(60.0 * d) for d in directions]
     opening = CrossSection.batch_boolean([hexagon(m.peg_hole), *sockets], OpType.Add)
-    figures = number(index, m.digit_height, m.stroke, FACES.index(face) + 1)
+    digits = number(index, m.digit_height, m.stroke, FACES.index(face) + 1)
     if face == "front":
-        opening, figures = opening.mirror((0, 1)), figures.mirror((0, 1))
+        opening, digits = opening.mirror((0, 1)), digits.mirror((0, 1))
     else:
-        figures = figures.mirror((1, 0))
+        digits = digits.mirror((1, 0))
     cuts = extrude(opening, m.floor, m.height + 1)
     seat = m.disc_depth if mark else 0.0
     if mark:
-        cuts += extrude(disc(m.disc_diameter), -1, seat)
-    cuts += extrude(figures, -1, seat + m.engraving_depth)
+        cuts += extrude(circle(m.disc_diameter), -1, seat)
+    cuts += extrude(digits, -1, seat + m.engraving_depth)
     purpose = f"mass {index}, {face} face" + (f", seat for the disc of {mark}" if mark else "")
-    return part_of(f"mass_{index:02d}_{face}", body - cuts, purpose, "on its outer face, sockets up")
+    return make_part(f"mass_{index:02d}_{face}", body - cuts, purpose, "on its outer face, sockets up")
 
 
 def mass_volume(spec: Specification, sockets: int) -> float:
@@ -74,8 +74,8 @@ def strip(spec: Specification) -> Part:
     s = spec.strip
     half = s.length / 2 - s.bulb_diameter / 2
     figure = box(-half, -s.thickness / 2, half, s.thickness / 2)
-    figure = figure + disc(s.bulb_diameter, -half) + disc(s.bulb_diameter, half)
-    return part_of("passive_spring", extrude(figure, 0, s.height), "passive spring", "on its edge")
+    figure = figure + circle(s.bulb_diameter, -half) + circle(s.bulb_diameter, half)
+    return make_part("passive_spring", extrude(figure, 0, s.height), "passive spring", "on its edge")
 
 
 def connector(spec: Specification) -> Part:
@@ -83,18 +83,18 @@ def connector(spec: Specification) -> Part:
     c = spec.connector
     rise = c.gap - 2 * spec.clearance
     solid = extrude(hexagon(c.peg), 0, rise + 2 * c.peg_length)
-    solid += extrude(disc(c.column_diameter), c.peg_length, c.peg_length + rise)
+    solid += extrude(circle(c.column_diameter), c.peg_length, c.peg_length + rise)
     for bottom in (c.peg_length, c.peg_length + rise - c.flange_thickness):
-        solid += extrude(disc(c.flange_diameter), bottom, bottom + c.flange_thickness)
-    return part_of("connector", solid, "biplane connector", "upright on one peg")
+        solid += extrude(circle(c.flange_diameter), bottom, bottom + c.flange_thickness)
+    return make_part("connector", solid, "biplane connector", "upright on one peg")
 
 
 def cap(spec: Specification) -> Part:
     """Cover that keeps the strips in a mass with six springs, which has no connector."""
     c = spec.connector
-    solid = extrude(disc(c.flange_diameter), 0, c.flange_thickness)
+    solid = extrude(circle(c.flange_diameter), 0, c.flange_thickness)
     solid += extrude(hexagon(c.peg), 0, c.flange_thickness + c.peg_length)
-    return part_of("cap", solid, "cap of a mass with six springs", "on its flange, peg up")
+    return make_part("cap", solid, "cap of a mass with six springs", "on its flange, peg up")
 
 
 def fitting(spec: Specification) -> Part:
@@ -107,11 +107,11 @@ def fitting(spec: Specification) -> Part:
     end = start + f.stud_length
     tongue = plug(spec.bulb_radius_at, s.bulb_diameter, s.thickness, end - f.stud_length / 2)
     solid = extrude(tongue, -s.height / 2, s.height / 2)
-    stud = extrude(disc(f.stud_diameter), 0, f.stud_length).rotate((0, 90, 0)).translate((start, 0, 0))
-    guide = extrude(disc(f.wire_guide, spec.guide_at), -s.height, s.height)
-    # Along +x as in the robot; stood upright with the stud's end at z = 0.
-    standing = (solid + stud - guide).translate((-end, 0, 0)).rotate((0, 90, 0))
-    return part_of("spring_end", standing, "end fitting of a shape-memory spring", "on its stud, plug up")
+    stud = extrude(circle(f.stud_diameter), 0, f.stud_length).rotate((0, 90, 0)).translate((start, 0, 0))
+    guide = extrude(circle(f.wire_guide, spec.guide_at), -s.height, s.height)
+    # Along +x as in the robot; rotated upright, with the stud's end at z = 0.
+    upright = (solid + stud - guide).translate((-end, 0, 0)).rotate((0, 90, 0))
+    return make_part("spring_end", upright, "end fitting of a shape-memory spring", "on its stud, plug up")
 
 
 def holder(spec: Specification, grams: float, resin: float) -> tuple[Part, float]:
@@ -123,13 +123,13 @@ def holder(spec: Specification, grams: float, resin: float) -> tuple[Part, float
     outer, bore = hexagon(h.across_flats), hexagon(h.bore)
     sleeve = outer - hexagon(spec.mass.across_flats + 2 * spec.clearance)
     empty = density * sleeve.area() * h.sleeve
-    each = density * (outer - bore).area() + 1e-3 * h.fill_density * bore.area()  # g per mm of depth
-    depth = (grams - empty) / each
-    light, heavy = (2 * (empty + each * d) for d in (_LEAST_FILL, _MOST_FILL))
-    expected = f"{light:.1f} to {heavy:.1f} g in two holders"
-    require_value("ballast", _LEAST_FILL <= depth <= _MOST_FILL, expected, f"{2 * grams:g} g")
+    grams_per_mm = density * (outer - bore).area() + 1e-3 * h.fill_density * bore.area()
+    depth = (grams - empty) / grams_per_mm
+    min_grams, max_grams = (2 * (empty + grams_per_mm * d) for d in (_MIN_FILL, _MAX_FILL))
+    expected = f"{min_grams:.1f} to {max_grams:.1f} g in two holders"
+    require_value("ballast", _MIN_FILL <= depth <= _MAX_FILL, expected, f"{2 * grams:g} g")
     solid = extrude(outer - bore, 0, depth) + extrude(sleeve, depth, depth + h.sleeve)
-    part = part_of("ballast_holder", solid, "ballast holder", "on its narrow end")
+    part = make_part("ballast_holder", solid, "ballast holder", "on its narrow end")
     return part, 1e-3 * h.fill_density * bore.area() * depth
 
 
@@ -146,6 +146,6 @@ def socket(spec: Specification) -> CrossSection:
     return straight + (swept ^ box(0, -reach, reach, reach)).translate((at, 0))
 
 
-def part_of(name: str, solid: Manifold, purpose: str, pose: str) -> Part:
-    """The part with the mesh of its solid, checked."""
-    return Part(name, solid, mesh_of(solid, name), purpose, pose)
+def make_part(name: str, solid: Manifold, purpose: str, pose: str) -> Part:
+    """A part with the mesh of its solid, which must be closed."""
+    return Part(name, solid, to_mesh(solid, name), purpose, pose)

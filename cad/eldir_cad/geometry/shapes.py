@@ -1,4 +1,4 @@
-"""Plane figures and solids that the parts are made of, by manifold3d; exported as closed meshes [mm]."""
+"""Plane figures and solids of which the parts are made, by manifold3d; exported as closed meshes [mm]."""
 
 from __future__ import annotations
 
@@ -13,10 +13,9 @@ from eldir.core.records import FloatArray
 from eldir.errors import EldirError
 
 COS_30 = math.sqrt(3) / 2
-# Which of the seven bars a digit has: top, upper right, lower right, bottom, lower left, upper
-# left, middle.
-_BARS = ("012345", "12", "01346", "01236", "1256", "02356", "023456", "012", "0123456", "012356")
-_GAP = 0.35  # between digits, as a share of a digit's height
+# The segments of each digit: top, upper right, lower right, bottom, lower left, upper left, middle.
+_SEGMENTS = ("012345", "12", "01346", "01236", "1256", "02356", "023456", "012", "0123456", "012356")
+_DIGIT_GAP = 0.35  # between digits, in widths of a digit
 
 
 def polygon(points: FloatArray | list[tuple[float, float]]) -> CrossSection:
@@ -31,9 +30,9 @@ def hexagon(across_flats: float) -> CrossSection:
     return polygon(radius * np.stack([np.cos(angles), np.sin(angles)], axis=1))
 
 
-def disc(diameter: float, x: float = 0.0) -> CrossSection:
+def circle(diameter: float, x: float = 0.0) -> CrossSection:
     """A circle around (x, 0), as a polygon of the same area."""
-    corners = 32 if diameter < 4 else 64  # bulbs and their sockets alike, so that their corners meet
+    corners = 32 if diameter < 4 else 64  # the same for bulbs and their sockets, so that their corners meet
     angle = 2 * math.pi / corners
     return CrossSection.circle(diameter / 2 * math.sqrt(angle / math.sin(angle)), corners).translate((x, 0.0))
 
@@ -46,14 +45,14 @@ def box(x0: float, y0: float, x1: float, y1: float) -> CrossSection:
 def plug(bulb_at: float, bulb: float, neck: float, reach: float) -> CrossSection:
     """The end of a strip along +x: a bulb, and a neck from it to x = `reach`. The same shape, enlarged, is
     its socket."""
-    return disc(bulb, bulb_at) + box(bulb_at, -neck / 2, reach, neck / 2)
+    return circle(bulb, bulb_at) + box(bulb_at, -neck / 2, reach, neck / 2)
 
 
 def number(value: int, height: float, stroke: float, lines: int) -> CrossSection:
     """A number in seven-segment digits, centred, over one or two lines that show which side is down."""
     width = height / 2
     w, h, t = width / 2, height / 2, stroke / 2
-    bars = [
+    segments = [
         box(-w - t, h - t, w + t, h + t),
         box(w - t, -t, w + t, h + t),
         box(w - t, -h - t, w + t, t),
@@ -63,13 +62,13 @@ def number(value: int, height: float, stroke: float, lines: int) -> CrossSection
         box(-w - t, -t, w + t, t),
     ]
     text = str(value)
-    advance = width + stroke + _GAP * width
+    advance = width + stroke + _DIGIT_GAP * width
     figure = CrossSection()
     for i, digit in enumerate(text):
         x = (i - (len(text) - 1) / 2) * advance
-        for bar in _BARS[int(digit)]:
-            figure += bars[int(bar)].translate((x, 0))
-    half = len(text) * advance / 2 - _GAP * width / 2
+        for segment in _SEGMENTS[int(digit)]:
+            figure += segments[int(segment)].translate((x, 0))
+    half = len(text) * advance / 2 - _DIGIT_GAP * width / 2
     for line in range(lines):
         y = -h - t - (2 * line + 1.5) * stroke
         figure += box(-half, y - t, half, y + t)
@@ -87,10 +86,11 @@ def stl(mesh: trimesh.Trimesh) -> bytes:
     return bytes(export_stl(mesh))
 
 
-def mesh_of(solid: Manifold, name: str) -> trimesh.Trimesh:
-    """The solid as a mesh: closed, of positive volume, or an error that names the part."""
+def to_mesh(solid: Manifold, name: str) -> trimesh.Trimesh:
+    """The solid as a closed mesh of positive volume. Raises `EldirError` with the name of the part
+    otherwise."""
     data = solid.to_mesh64()
-    # STL keeps single precision; rounding here makes every format say the same.
+    # STL has single precision; rounding here makes all formats equal.
     vertices = np.asarray(data.vert_properties, np.float64)[:, :3].astype(np.float32).astype(np.float64)
     mesh = trimesh.Trimesh(vertices, np.asarray(data.tri_verts, np.int64), process=False)
     if len(mesh.faces) == 0 or not mesh.is_watertight or mesh.volume <= 0:

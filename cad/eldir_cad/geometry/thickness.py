@@ -9,11 +9,11 @@ import trimesh
 
 from eldir.core.records import BoolArray, FloatArray, IntArray
 
-_LEVEL = 0.999  # upward part of the normal of a level face
-_FACING = -0.5  # cosine: sides that look at each other more than this are a wall or a slot
+_LEVEL = 0.999  # vertical component of the normal of a level face
+_FACING = -0.5  # cosine of the angle between normals, below which two sides form a wall or a slot
 
 
-def facing_sides(contours: Sequence[FloatArray]) -> tuple[float, float]:
+def measure_section(contours: Sequence[FloatArray]) -> tuple[float, float]:
     """Thinnest wall and narrowest slot of a plane figure: distances from each side to the opposite side.
 
     `contours` are closed, shape (n, 2) each, the figure to their left.
@@ -43,7 +43,7 @@ def facing_sides(contours: Sequence[FloatArray]) -> tuple[float, float]:
     return wall, gap
 
 
-def facing_levels(mesh: trimesh.Trimesh) -> tuple[float, float]:
+def measure_levels(mesh: trimesh.Trimesh) -> tuple[float, float]:
     """Thinnest floor and lowest slot between level faces: distances upwards from the middle of each face."""
     triangles, up = np.asarray(mesh.triangles), np.asarray(mesh.face_normals)[:, 2]
     level = np.abs(up) > _LEVEL
@@ -62,12 +62,12 @@ def facing_levels(mesh: trimesh.Trimesh) -> tuple[float, float]:
     return float(rise[floors].min(initial=np.inf)), float(rise[slots].min(initial=np.inf))
 
 
-def facing_faces(mesh: trimesh.Trimesh, chosen: IntArray) -> tuple[float, float]:
-    """Thinnest wall and narrowest slot of a solid, along the normals of the `chosen` faces."""
+def measure_inclined(mesh: trimesh.Trimesh, indices: IntArray) -> tuple[float, float]:
+    """Thinnest wall and narrowest slot of a solid, along the normals of the faces with these indices."""
     triangles, normals = np.asarray(mesh.triangles), np.asarray(mesh.face_normals)
     a, u, v = triangles[:, 0], triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
     wall, gap = np.inf, np.inf
-    for i in chosen.tolist():
+    for i in indices.tolist():
         facing = np.flatnonzero(normals @ normals[i] < _FACING)
         along = -normals[i]
         cross = np.cross(along, v[facing])
@@ -92,10 +92,10 @@ def self_intersections(mesh: trimesh.Trimesh) -> list[tuple[int, int]]:
     first = np.repeat(np.arange(len(order)), counts)
     second = first + 1 + np.arange(len(first)) - np.repeat(np.cumsum(counts) - counts, counts)
     i, j = order[first], order[second]
-    near = ((low[i] < high[j] - 1e-9) & (low[j] < high[i] - 1e-9)).all(axis=1)
-    i, j = i[near], j[near]
-    apart = ~(faces[i][:, :, None] == faces[j][:, None, :]).any(axis=(1, 2))
-    i, j = i[apart], j[apart]
+    overlaps = ((low[i] < high[j] - 1e-9) & (low[j] < high[i] - 1e-9)).all(axis=1)
+    i, j = i[overlaps], j[overlaps]
+    is_separate = ~(faces[i][:, :, None] == faces[j][:, None, :]).any(axis=(1, 2))
+    i, j = i[is_separate], j[is_separate]
     hit = np.zeros(len(i), bool)
     for k in range(3):
         hit |= _pierces(triangles[i][:, k], triangles[i][:, (k + 1) % 3], triangles[j])

@@ -2,3 +2,6 @@
 
 Solids and meshes are in `eldir_cad.geometry`.
 """
+
+PRINTER = "xip"
+"""Name of the default printer profile; commands read it without importing more."""

@@ -1,4 +1,4 @@
-"""A printer with its resin and process, as a data file [mm]."""
+"""A printer with its resin and process, as a data file, and parts that fit it [mm]."""
 
 from __future__ import annotations
 
@@ -8,9 +8,11 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from eldir.core.arguments import require_known
-from eldir.core.validation import Section
-from eldir_cad.kit.data_files import Gap, Length, load, own_data
-from eldir_cad.kit.defaults import PRINTER
+from eldir.core.validation import Section, validate
+from eldir.errors import InputError
+from eldir_cad.kit import PRINTER
+from eldir_cad.kit.dimensions import Gap, Length, kit_file, load_section
+from eldir_cad.kit.specification import Specification
 
 
 class Minimum(Section):
@@ -93,13 +95,56 @@ class Printer(Section):
 
 def printers() -> list[str]:
     """Names of the profiles that come with the kit."""
-    return sorted(p.stem for p in own_data("parts.yaml").parent.glob("*.yaml") if p.stem != "parts")
+    return sorted(p.stem for p in kit_file("parts.yaml").parent.glob("*.yaml") if p.stem != "parts")
 
 
 def load_printer(name: str = PRINTER) -> Printer:
     """Read a printer by the name of its profile, or by the path of a YAML file."""
     profile = Path(name)
     if profile.suffix not in (".yaml", ".yml"):
-        profile = own_data(f"{name}.yaml")
+        profile = kit_file(f"{name}.yaml")
         require_known("printer", name, printers(), "give the path of a .yaml file for another one")
-    return load(profile, Printer)
+    return load_section(profile, Printer)
+
+
+def fit_to_printer(specification: Specification, printer: Printer) -> Specification:
+    """Add the printer's allowance to the clearance, the sockets and the peg holes. Raises `InputError` for
+    dimensions that the printer cannot print."""
+    clearance = specification.clearance + printer.allowance
+    minimum = printer.minimum
+    m, s, c, h = specification.mass, specification.strip, specification.connector, specification.holder
+    pocket = s.bulb_diameter / 2 + clearance
+    features = (
+        ("clearance", clearance, minimum.clearance),
+        ("strip.thickness", s.thickness, minimum.wall),
+        ("connector.peg", c.peg, minimum.pin),
+        ("fitting.wire_guide", specification.fitting.wire_guide, minimum.hole),
+        ("the holder's sleeve", (h.across_flats - m.across_flats) / 2 - clearance, minimum.wall),
+        ("mass.stroke", m.stroke, minimum.gap),
+        ("the rim of mass.disc_diameter", (m.across_flats - m.disc_diameter) / 2, minimum.wall),
+        ("mass.floor under seat and engraving", m.floor - m.disc_depth - m.engraving_depth, minimum.wall),
+        (
+            "wall between two sockets",
+            specification.bulb_radius_at - 2 * pocket,
+            minimum.wall,
+        ),  # 60 degrees apart
+        (
+            "wall between socket and peg hole",
+            specification.bulb_radius_at - pocket - m.peg_hole / 2,
+            minimum.wall,
+        ),
+    )
+    for name, size, required in features:
+        if size < required - 1e-9:
+            raise InputError(
+                f"{name} is below the minimum of {printer.name}",
+                code="part.too-fine",
+                expected=f"at least {required:g} mm",
+                found=f"{size:.3g} mm",
+                remedy="change the specification or choose another printer",
+            )
+    values = specification.model_dump() | {"clearance": clearance}
+    # Peg hole and depth of the sockets grow with the printer's allowance as the sockets do.
+    values["mass"]["socket_depth"] = m.socket_depth + 2 * printer.allowance
+    values["mass"]["peg_hole"] = m.peg_hole + 2 * printer.allowance
+    return validate(Specification, values, f"the parts for {printer.name}")

@@ -1,4 +1,4 @@
-"""The specification: a validated data file with the dimensions of the parts, which fit one another [mm]."""
+"""The specification: a validated data file with the dimensions of the parts, which fit together [mm]."""
 
 from __future__ import annotations
 
@@ -10,21 +10,24 @@ from pydantic import Field, model_validator
 
 from eldir.core.validation import Section
 from eldir.lattice import HALF_SIDE
-from eldir_cad.kit.data_files import Gap, Length, load, own_data
-from eldir_cad.kit.sizes import (
+from eldir_cad.kit.dimensions import (
     BodyLimits,
     Coil,
     ConnectorSize,
     FittingSize,
+    Gap,
     HolderSize,
+    Length,
     MassSize,
     Safety,
     StripSize,
+    kit_file,
+    load_section,
 )
 
 
 class Specification(Section):
-    """All dimensions of the kit [mm]. Parts that do not fit one another are refused."""
+    """All dimensions of the kit [mm]. Dimensions with which the parts do not fit together are refused."""
 
     format: Literal["eldir-specification/1"]
     """Format of this file."""
@@ -52,101 +55,73 @@ class Specification(Section):
     """Clearances of the fit coupon [mm], the tightest first."""
 
     @model_validator(mode="after")
-    def _parts_fit(self) -> Specification:
-        m, s, c, f = self.mass, self.strip, self.connector, self.fitting
-        gap = self.clearance
-        _need(s.length < self.pitch, "strip.length", f"less than the pitch, {self.pitch:g}", s.length)
-        _need(
+    def _check_fit(self) -> Specification:
+        for check in (self._check_strip, self._check_connector, self._check_mass, self._check_coil):
+            check()
+        return self
+
+    def _check_strip(self) -> None:
+        """A strip's bulbs stay in their sockets, and can rotate there."""
+        m, s, gap = self.mass, self.strip, self.clearance
+        _require(s.length < self.pitch, "strip.length", f"less than the pitch, {self.pitch:g}", s.length)
+        _require(
             s.bulb_diameter > s.thickness + 2 * gap,
             "clearance",
             f"less than {(s.bulb_diameter - s.thickness) / 2:g}, or the bulb slips out of its socket",
             gap,
         )
-        _need(
-            self.bulb_radius_at + s.bulb_diameter / 2 + gap < m.across_flats / 2,
-            "mass.across_flats",
-            f"more than {2 * self.bulb_radius_at + s.bulb_diameter + 2 * gap:g} to hold the bulbs",
-            m.across_flats,
-        )
-        _need(
-            self.throat < s.bulb_diameter / 2,
-            "strip.turn_deg",
+        width = 2 * self.bulb_radius_at + s.bulb_diameter + 2 * gap
+        holds = self.bulb_radius_at + s.bulb_diameter / 2 + gap < m.across_flats / 2
+        _require(holds, "mass.across_flats", f"more than {width:g} to hold the bulbs", m.across_flats)
+        expected = (
             f"small enough that the bulb, {s.bulb_diameter:g} across, cannot leave its socket "
-            f"({2 * self.throat:.2f} mm wide in turn)",
-            s.turn_deg,
-            "degrees",
+            f"({2 * self.throat:.2f} mm wide in turn)"
         )
-        _need(
-            self.turned_stud >= m.across_flats / 2 + gap,
-            "fitting.stand_off",
-            "so wide that the coil clears its mass when turned by strip.turn_deg",
-            f.stand_off,
-        )
-        _need(
-            s.height + 2 * gap <= m.socket_depth + 1e-9,
-            "strip.height",
-            f"at most {m.socket_depth - 2 * gap:g}, the socket's depth less the clearance on both sides",
-            s.height,
-        )
-        _need(
-            c.peg + 2 * gap <= m.peg_hole + 1e-9,
-            "clearance",
-            f"at most {(m.peg_hole - c.peg) / 2:g} beside the connector's peg",
-            gap,
-        )
-        _need(
-            c.peg_length < m.socket_depth,
-            "connector.peg_length",
-            f"less than the sockets' depth, {m.socket_depth:g}",
-            c.peg_length,
-        )
-        _need(
-            2 * (c.flange_thickness + gap) < c.gap,
-            "connector.gap",
-            f"more than {2 * (c.flange_thickness + gap):g} for two flanges",
-            c.gap,
-        )
-        _need(
-            c.flange_diameter <= m.across_flats,
-            "connector.flange_diameter",
-            f"at most the mass's width, {m.across_flats:g}",
-            c.flange_diameter,
-        )
+        _require(self.throat < s.bulb_diameter / 2, "strip.turn_deg", expected, s.turn_deg, "degrees")
+        low = s.height + 2 * gap <= m.socket_depth + 1e-9
+        depth = m.socket_depth - 2 * gap
+        expected = f"at most {depth:g}, the socket's depth less the clearance on both sides"
+        _require(low, "strip.height", expected, s.height)
+
+    def _check_connector(self) -> None:
+        """The pegs fit into the masses, and the flanges between the planes."""
+        m, c, gap = self.mass, self.connector, self.clearance
+        fits = c.peg + 2 * gap <= m.peg_hole + 1e-9
+        _require(fits, "clearance", f"at most {(m.peg_hole - c.peg) / 2:g} beside the connector's peg", gap)
+        expected = f"less than the sockets' depth, {m.socket_depth:g}"
+        _require(c.peg_length < m.socket_depth, "connector.peg_length", expected, c.peg_length)
+        flanges = 2 * (c.flange_thickness + gap)
+        _require(flanges < c.gap, "connector.gap", f"more than {flanges:g} for two flanges", c.gap)
+        expected = f"at most the mass's width, {m.across_flats:g}"
+        covers = c.flange_diameter <= m.across_flats
+        _require(covers, "connector.flange_diameter", expected, c.flange_diameter)
+
+    def _check_mass(self) -> None:
+        """Disc, engraving and ballast holder fit a mass."""
+        m, h, gap = self.mass, self.holder, self.clearance
         deepest = m.disc_depth + m.engraving_depth
-        _need(deepest < m.floor, "mass.floor", f"more than {deepest:g}, seat and engraving", m.floor)
-        _need(
-            m.disc_diameter < m.across_flats,
-            "mass.disc_diameter",
-            f"less than {m.across_flats:g}",
-            m.disc_diameter,
-        )
-        h = self.holder
-        _need(
-            h.across_flats > m.across_flats + 2 * gap and h.bore < m.across_flats,
-            "holder.across_flats and bore",
-            f"wider and narrower than the mass, {m.across_flats:g}, with its clearance",
-            h.across_flats,
-        )
-        _need(h.sleeve + gap <= m.floor, "holder.sleeve", f"at most {m.floor - gap:g}", h.sleeve)
-        _need(
-            f.stud_diameter < self.coil.outer_diameter,
-            "fitting.stud_diameter",
-            f"less than the coil's {self.coil.outer_diameter:g}",
-            f.stud_diameter,
-        )
-        _need(
-            self.coil.cold_length < self.coil.hot_length,
-            "coil.hot_length",
-            f"more than the cold length, {self.coil.cold_length:g}",
-            self.coil.hot_length,
-        )
-        _need(
-            2 * f.stud_length < self.coil.cold_length,
-            "fitting.stud_length",
-            f"less than half the cold coil, {self.coil.cold_length / 2:g}",
-            f.stud_length,
-        )
-        return self
+        _require(deepest < m.floor, "mass.floor", f"more than {deepest:g}, seat and engraving", m.floor)
+        narrow = m.disc_diameter < m.across_flats
+        _require(narrow, "mass.disc_diameter", f"less than {m.across_flats:g}", m.disc_diameter)
+        encloses = h.across_flats > m.across_flats + 2 * gap and h.bore < m.across_flats
+        expected = f"wider and narrower than the mass, {m.across_flats:g}, with its clearance"
+        _require(encloses, "holder.across_flats and bore", expected, h.across_flats)
+        _require(h.sleeve + gap <= m.floor, "holder.sleeve", f"at most {m.floor - gap:g}", h.sleeve)
+
+    def _check_coil(self) -> None:
+        """The coil fits its studs, and clears the masses."""
+        f, coil = self.fitting, self.coil
+        clears = self.turned_stud >= self.mass.across_flats / 2 + self.clearance
+        expected = "so wide that the coil clears its mass when turned by strip.turn_deg"
+        _require(clears, "fitting.stand_off", expected, f.stand_off)
+        inside = f.stud_diameter < coil.outer_diameter
+        expected = f"less than the coil's {coil.outer_diameter:g}"
+        _require(inside, "fitting.stud_diameter", expected, f.stud_diameter)
+        expands = coil.cold_length < coil.hot_length
+        expected = f"more than the cold length, {coil.cold_length:g}"
+        _require(expands, "coil.hot_length", expected, coil.hot_length)
+        expected = f"less than half the cold coil, {coil.cold_length / 2:g}"
+        _require(2 * f.stud_length < coil.cold_length, "fitting.stud_length", expected, f.stud_length)
 
     @property
     def scale(self) -> float:
@@ -170,9 +145,9 @@ class Specification(Section):
 
     @property
     def throat(self) -> float:
-        """Half the width of a socket where its flare leaves the bulb's pocket."""
+        """Half the width of a socket at the narrowest point, where its flare leaves the bulb's pocket."""
         radius = self.strip.bulb_diameter / 2 + self.clearance
-        # Where the flare's line, `half` from the bulb's centre, cuts the pocket's circle.
+        # The intersection of the flare's side with the circle of the pocket.
         angle = math.asin(min((self.strip.thickness / 2 + self.clearance) / radius, 1.0))
         return radius * math.sin(min(angle + math.radians(self.strip.turn_deg), math.pi / 2))
 
@@ -212,9 +187,9 @@ class Specification(Section):
 
 def load_specification(path: Path | None = None) -> Specification:
     """Read the dimensions of the parts from a YAML file; by default the file of the kit."""
-    return load(path or own_data("parts.yaml"), Specification)
+    return load_section(path or kit_file("parts.yaml"), Specification)
 
 
-def _need(ok: bool, name: str, expected: str, found: float, unit: str = "mm") -> None:
+def _require(ok: bool, name: str, expected: str, found: float, unit: str = "mm") -> None:
     if not ok:
         raise ValueError(f"{name} must be {expected}; found {found:g} {unit}")

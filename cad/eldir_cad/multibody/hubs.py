@@ -1,7 +1,7 @@
 """Mass, centre of mass, inertia and shape of every hub, from the meshes of the parts that move with it.
 
-A hub is the mass of both faces with its connector or its caps. Strips and active springs turn in their
-sockets: half of their mass lies in each socket.
+A hub is the mass of both faces with its connector or its caps. Strips and active springs rotate in their
+sockets: half of their mass is in each socket.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from eldir_cad.kit.specification import Specification
 
 TO_MODEL = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 """Rotation from the assembly's axes (y up, z to the front) to those of the model (z up, y to the back)."""
-TURNING = ("passive_spring", "spring_end")  # parts that do not move with one hub
+BETWEEN_HUBS = ("passive_spring", "spring_end")  # parts that do not move with one hub
 _MM = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class Inertia:
-    """A rigid body's mass and how it is spread, about a hub's centre, in the model's axes."""
+    """Mass, centre of mass and inertia tensor of a rigid body, about a hub's centre, in the model's axes."""
 
     mass: float
     """[kg]"""
@@ -39,14 +39,15 @@ class Inertia:
         mass = self.mass + other.mass
         centre = (self.mass * self.centre + other.mass * other.centre) / mass
         tensor = sum(
-            (one.tensor + one.mass * _steiner(one.centre - centre) for one in (self, other)), np.zeros((3, 3))
+            (one.tensor + one.mass * _parallel_axis(one.centre - centre) for one in (self, other)),
+            np.zeros((3, 3)),
         )
         return Inertia(mass, centre, tensor)
 
     @classmethod
-    def point(cls, mass: float, place: FloatArray) -> Inertia:
-        """All mass at one place."""
-        return cls(mass, place, np.zeros((3, 3)))
+    def point(cls, mass: float, position: FloatArray) -> Inertia:
+        """A point mass."""
+        return cls(mass, position, np.zeros((3, 3)))
 
 
 def hub_inertias(
@@ -68,49 +69,50 @@ def hub_inertias(
         "cap": parameters.hexagon / nominal.hexagon,
         "connector": parameters.half_connector / nominal.half_connector,
     }
-    found: dict[int, Inertia] = {}
+    inertias: dict[int, Inertia] = {}
     for placement in assembly.placements:
-        if placement.part in TURNING:
+        if placement.part in BETWEEN_HUBS:
             continue
         (hub,) = placement.masses
-        part = _placed(assembly, placement, hub, density, scales)
-        found[hub] = found[hub] + part if hub in found else part
+        part = _part_inertia(assembly, placement, hub, density, scales)
+        inertias[hub] = inertias[hub] + part if hub in inertias else part
     body = assembly.morphology
     for (a, b), active in zip(body.springs.tolist(), body.active, strict=True):
         along = (assembly.centres[b] - assembly.centres[a]) / spec.pitch
         half = parameters.active_spring if active else parameters.strip  # half of it, on two faces
         for hub, sign in ((a, 1), (b, -1)):
-            place = sign * _MM * spec.bulb_radius_at * np.array([along[0], 0.0, along[1]])
-            found[hub] = found[hub] + Inertia.point(half, place)
-    wide = _MM * spec.holder.across_flats / 2
+            position = sign * _MM * spec.bulb_radius_at * np.array([along[0], 0.0, along[1]])
+            inertias[hub] = inertias[hub] + Inertia.point(half, position)
+    radius = _MM * spec.holder.across_flats / 2
     for hub, weight in enumerate(ballast.tolist()):
         if weight > 0:
-            disc = weight * wide**2 * np.diag([0.25, 0.5, 0.25])
-            found[hub] = found[hub] + Inertia(weight, np.zeros(3), disc)
-    return [found[hub] for hub in range(len(assembly.centres))]
+            disc = weight * radius**2 * np.diag([0.25, 0.5, 0.25])
+            inertias[hub] = inertias[hub] + Inertia(weight, np.zeros(3), disc)
+    return [inertias[hub] for hub in range(len(assembly.centres))]
 
 
-def _placed(
+def _part_inertia(
     assembly: Assembly, placement: Placement, hub: int, density: float, scales: Mapping[str, float]
 ) -> Inertia:
     mesh = assembly.parts[placement.part].mesh
-    gram = 1e-6 * density * scales[placement.part.split("_")[0]]  # kg/mm3
+    scaled_density = 1e-6 * density * scales[placement.part.split("_")[0]]  # kg/mm3
     rotation = TO_MODEL @ placement.rotation
-    at = TO_MODEL @ (placement.translation - np.array([*assembly.centres[hub], 0.0]))
-    centre = rotation @ np.asarray(mesh.center_mass) + at
+    offset = TO_MODEL @ (placement.translation - np.array([*assembly.centres[hub], 0.0]))
+    centre = rotation @ np.asarray(mesh.center_mass) + offset
     tensor = rotation @ np.asarray(mesh.moment_inertia) @ rotation.T
-    return Inertia(gram * float(mesh.volume), _MM * centre, gram * _MM**2 * tensor)
+    return Inertia(scaled_density * float(mesh.volume), _MM * centre, scaled_density * _MM**2 * tensor)
 
 
-def _steiner(offset: FloatArray) -> FloatArray:
+def _parallel_axis(offset: FloatArray) -> FloatArray:
+    """Inertia of a unit mass at an offset (parallel axis theorem)."""
     return np.asarray(offset @ offset * np.eye(3) - np.outer(offset, offset))
 
 
 def hub_shapes(assembly: Assembly) -> dict[int, bytes]:
     """The parts of every hub about its centre, in the model's axes, as binary STL for a viewer [m]."""
-    found: dict[int, list[trimesh.Trimesh]] = {}
+    meshes: dict[int, list[trimesh.Trimesh]] = {}
     for placement in assembly.placements:
-        if placement.part in TURNING:
+        if placement.part in BETWEEN_HUBS:
             continue
         (hub,) = placement.masses
         matrix = np.eye(4)
@@ -119,12 +121,12 @@ def hub_shapes(assembly: Assembly) -> dict[int, bytes]:
         mesh = assembly.parts[placement.part].mesh.copy()
         mesh.apply_transform(matrix)
         mesh.apply_scale(1e-3)
-        found.setdefault(hub, []).append(mesh)
-    return {hub: stl(_merged(found[hub])) for hub in sorted(found)}
+        meshes.setdefault(hub, []).append(mesh)
+    return {hub: stl(_merge(meshes[hub])) for hub in sorted(meshes)}
 
 
-def _merged(meshes: list[trimesh.Trimesh]) -> trimesh.Trimesh:
-    """All triangles of several meshes."""
+def _merge(meshes: list[trimesh.Trimesh]) -> trimesh.Trimesh:
+    """One mesh with the triangles of all."""
     before = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
     faces = [mesh.faces + first for mesh, first in zip(meshes, before, strict=False)]
     vertices = np.concatenate([mesh.vertices for mesh in meshes])

@@ -1,13 +1,15 @@
-"""The multibody model of a robot: hubs that are rigid, and the strips and coils between their sockets.
+"""The multibody model of a robot: rigid hubs, and the strips and coils between their sockets.
 
-Both faces are one: they are alike and heated alike, so the robot is a prism that moves in its plane, and
+Both faces are one: they are equal and heated equally, so the robot is a prism that moves in its plane, and
 every strip and coil here stands for two. Lengths are in metres, in the plane: x forward, y up.
+`SIMPLIFICATIONS` remove one law of the model each, to find which of them a walk depends on.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -21,17 +23,17 @@ from eldir_cad.kit.specification import Specification
 from eldir_cad.multibody.hubs import Inertia, hub_inertias
 
 SOCKET_FRICTION = 0.2e-3
-"""Torque at which a strip begins to turn in its sockets of both faces [N m]. Assumed: a bulb of 1.2 mm radius
-under 0.3 N with a coefficient of friction of 0.3."""
+"""Torque at which a strip begins to rotate in its sockets of both faces [N m]. Assumed: a bulb of 1.2 mm
+radius under 0.3 N with a coefficient of friction of 0.3."""
 _FACES = 2
 
 
 @dataclass(frozen=True, eq=False)
 class Hub:
-    """A hexagonal mass of both faces with what joins them."""
+    """A hexagonal mass of both faces, with its connector or its caps."""
 
-    place: FloatArray
-    """Its centre in the robot as assembled, over the lowest centres [m], shape (2,)."""
+    position: FloatArray
+    """Its centre in the assembled robot, above the lowest centres [m], shape (2,)."""
     inertia: Inertia
     friction: float
     """Coulomb coefficient between it and the table."""
@@ -65,17 +67,17 @@ class Coil:
 
 @dataclass(frozen=True)
 class Numerics:
-    """How finely the model is computed. docs/reference/second-physics-measured.md has the study behind the
-    defaults."""
+    """Time step and contact settings of the simulation. docs/reference/second-physics-measured.md has the
+    study behind the defaults."""
 
     step: float = 1e-3 / 3
     """Time step [s]."""
     contact_time: float = 2e-3 / 3
     """Time constant of contacts and of stiff strips [s]; at least two steps."""
     impratio: float = 100.0
-    """How much stiffer friction is than the normal force."""
+    """Ratio of the stiffness of friction to that of the normal force."""
     impedance: float = 0.99
-    """Of contacts, 0 to 1; the rest yields."""
+    """Impedance of contacts, 0 to 1; lower is softer."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,86 +91,149 @@ class Multibody:
     """Distance from a hub's centre to the hinges in its sockets [m]; 0: pins at the centres."""
     corner: float
     """Distance from a hub's centre to its corners [m]; 0: hubs are points that do not touch each other."""
-    touching: float
+    contact_radius: float
     """Radius at which hubs touch each other [m]."""
-    turn: float | None
-    """Rotation of a strip in its socket, either way, beyond which it bends [rad]; None: it turns freely, and
-    hubs do not rotate."""
+    max_rotation: float | None
+    """Rotation of a strip in its socket, in either direction, beyond which it bends [rad]; None: it rotates
+    freely, and hubs do not rotate."""
     socket_friction: float
-    """Torque at which a strip begins to turn in a socket [N m]."""
+    """Torque at which a strip begins to rotate in a socket [N m]."""
     drag: float
     """Rate at which velocities decay [1/s]."""
     gravity: float
     """Positive upwards [m/s2]."""
     tilt: float = 0.0
-    """The table falls forward by this angle [rad]."""
+    """Forward slope of the table [rad]."""
     numerics: Numerics = field(default_factory=Numerics)
 
     def coil_commands(self, lengths: FloatArray, free: tuple[float, float]) -> tuple[FloatArray, FloatArray]:
         """Lengths between hinges [m] and stiffnesses [N/m] of the coils whose free lengths between centres
         are given, shape (K, A) each. `free`: cold and hot free length [m], between which the stiffness goes
         from cold to hot."""
-        hot = np.clip((lengths - free[0]) / (free[1] - free[0]), 0, 1)
+        share_hot = np.clip((lengths - free[0]) / (free[1] - free[0]), 0, 1)
         ends = np.array([coil.stiffness for coil in self.coils]).reshape(-1, 2)
-        return lengths - 2 * self.socket, ends[:, 0] + (ends[:, 1] - ends[:, 0]) * hot
+        return lengths - 2 * self.socket, ends[:, 0] + (ends[:, 1] - ends[:, 0]) * share_hot
 
 
-def multibody(
+def build_multibody(
     morphology: Morphology,
     spec: Specification,
     printer: Printer,
     parameters: BuiltParameters | None = None,
     *,
     ballast: FloatArray | None = None,
-    strips: FloatArray | None = None,
-    feet: FloatArray | None = None,
+    strip_extensions: FloatArray | None = None,
+    friction_factors: FloatArray | None = None,
     tilt: float = 0.0,
 ) -> Multibody:
     """The model of a design's robot.
 
     `parameters` of this robot; by default those that follow from the parts. `ballast` [kg] on each hub, shape
-    (M,). `strips`: length of every strip beyond the drawing [m], shape (S,). `feet`: friction of each hub as
-    a multiple of `parameters.friction`, shape (M,). `tilt`: the table falls forward by this angle more [rad].
+    (M,). `strip_extensions`: length of every strip beyond the drawing [m], shape (S,). `friction_factors`:
+    friction of each hub as a multiple of `parameters.friction`, shape (M,). `tilt`: additional forward slope
+    of the table [rad].
     """
     nominal = built_parameters(spec, printer)
-    own = nominal if parameters is None else parameters
-    count, law = len(morphology.positions), StripLaw.of(spec, printer)
+    robot = nominal if parameters is None else parameters
+    count = len(morphology.positions)
     weights = np.zeros(count) if ballast is None else ballast
-    longer = np.zeros(len(morphology.springs)) if strips is None else strips
-    factors = np.ones(count) if feet is None else feet
+    factors = np.ones(count) if friction_factors is None else friction_factors
+    extensions = np.zeros(len(morphology.springs)) if strip_extensions is None else strip_extensions
     assembly = assemble(morphology, spec)
-    inertias = hub_inertias(assembly, spec, printer.material.density, own, nominal, weights)
-    places = 1e-3 * assembly.centres
-    stiff = (
-        own.buckling / nominal.buckling
-    )  # the strips' modulus and section, as they differ from the drawing
-    bending = 1e-3 * law.flexural_rigidity / law.length * stiff
-    found: list[Strip] = []
-    coils: list[Coil] = []
-    for (a, b), active, more in zip(
-        morphology.springs.tolist(), morphology.active, longer.tolist(), strict=True
-    ):
-        if active:
-            stiffness = _FACES * own.cold_stiffness, _FACES * own.hot_stiffness
-            coils.append(Coil((a, b), stiffness, _FACES * own.active_damping))
-        else:
-            length = 1e-3 * spec.hinge_to_hinge + more
-            forces = _FACES * own.tension, _FACES * own.buckling, _FACES * bending
-            found.append(Strip((a, b), length, *forces))
-    flats = spec.mass.across_flats / 2
+    inertias = hub_inertias(assembly, spec, printer.material.density, robot, nominal, weights)
+    positions = 1e-3 * assembly.centres
+    strips, coils = _springs(morphology, spec, printer, robot, extensions)
     return Multibody(
         [
-            Hub(place, inertia, own.friction * factor)
-            for place, inertia, factor in zip(places, inertias, factors.tolist(), strict=True)
+            Hub(position, inertia, robot.friction * factor)
+            for position, inertia, factor in zip(positions, inertias, factors.tolist(), strict=True)
         ],
-        found,
+        strips,
         coils,
         socket=1e-3 * spec.bulb_radius_at,
         corner=1e-3 * spec.mass.across_corners / 2,
-        touching=1e-3 * (flats + spec.mass.across_corners / 2) / 2,
-        turn=float(np.radians(spec.strip.turn_deg)),
+        contact_radius=1e-3 * (spec.mass.across_flats / 2 + spec.mass.across_corners / 2) / 2,
+        max_rotation=float(np.radians(spec.strip.turn_deg)),
         socket_friction=SOCKET_FRICTION,
-        drag=own.drag,
-        gravity=own.gravity,
-        tilt=own.tilt + tilt,
+        drag=robot.drag,
+        gravity=robot.gravity,
+        tilt=robot.tilt + tilt,
     )
+
+
+def _springs(
+    morphology: Morphology,
+    spec: Specification,
+    printer: Printer,
+    robot: BuiltParameters,
+    extensions: FloatArray,
+) -> tuple[list[Strip], list[Coil]]:
+    """Strips and coils of both faces, as one."""
+    law, nominal = StripLaw.of(spec, printer), built_parameters(spec, printer)
+    # The modulus and the section of this robot's strips differ from the drawing.
+    stiffness_ratio = robot.buckling / nominal.buckling
+    bending = 1e-3 * law.flexural_rigidity / law.length * stiffness_ratio
+    strips: list[Strip] = []
+    coils: list[Coil] = []
+    for (a, b), active, extension in zip(
+        morphology.springs.tolist(), morphology.active, extensions.tolist(), strict=True
+    ):
+        if active:
+            stiffness = _FACES * robot.cold_stiffness, _FACES * robot.hot_stiffness
+            coils.append(Coil((a, b), stiffness, _FACES * robot.active_damping))
+        else:
+            length = 1e-3 * spec.hinge_to_hinge + extension
+            forces = _FACES * robot.tension, _FACES * robot.buckling, _FACES * bending
+            strips.append(Strip((a, b), length, *forces))
+    return strips, coils
+
+
+_UNLIMITED = math.radians(80)  # no strip rotates so far: hubs touch each other first
+_NO_RADIUS = 1e-6  # of hubs that do not touch each other [m]
+
+
+def with_pins(model: Multibody) -> Multibody:
+    """Hubs are points that do not rotate, and strips are pinned to their centres, as in the built scene."""
+    hubs = [replace(hub, inertia=Inertia(hub.inertia.mass, np.zeros(3), np.eye(3))) for hub in model.hubs]
+    strips = [replace(strip, length=strip.length + 2 * model.socket) for strip in model.strips]
+    return replace(
+        model, hubs=hubs, strips=strips, socket=0.0, corner=0.0, max_rotation=None, socket_friction=0.0
+    )  # fmt: skip
+
+
+def without_socket_friction(model: Multibody) -> Multibody:
+    """Strips rotate in their sockets without friction."""
+    return replace(model, socket_friction=0.0)
+
+
+def without_socket_range(model: Multibody) -> Multibody:
+    """Strips rotate in their sockets without limit. Strips that push past the centre of a hub then rotate it,
+    and some robots fall."""
+    return replace(model, max_rotation=None if model.max_rotation is None else _UNLIMITED)
+
+
+def with_equal_feet(model: Multibody) -> Multibody:
+    """All hubs have the mean friction of the robot's."""
+    mean = float(np.mean([hub.friction for hub in model.hubs]))
+    return replace(model, hubs=[replace(hub, friction=mean) for hub in model.hubs])
+
+
+def without_hub_contact(model: Multibody) -> Multibody:
+    """Hubs do not touch each other."""
+    return replace(model, contact_radius=_NO_RADIUS)
+
+
+def on_level_table(model: Multibody) -> Multibody:
+    """The table does not slope."""
+    return replace(model, tilt=0.0)
+
+
+SIMPLIFICATIONS: dict[str, Callable[[Multibody], Multibody]] = {
+    "hubs and sockets": with_pins,
+    "socket friction": without_socket_friction,
+    "socket range": without_socket_range,
+    "feet that differ": with_equal_feet,
+    "contact between hubs": without_hub_contact,
+    "slope of the table": on_level_table,
+}
+"""What each of them removes, and the function that does it."""

@@ -1,6 +1,6 @@
 """The packet: all files that a workshop needs to print, assemble and wire a robot, in one folder.
 
-Written whole or not at all. The same design, specification and printer give the same bytes.
+Written completely or not at all. The same design, specification and printer give the same bytes.
 """
 
 from __future__ import annotations
@@ -19,20 +19,24 @@ from eldir.core.version import __version__
 from eldir.design import Design, Variant
 from eldir.genotype import Genotype
 from eldir.parameters.wiring import Wiring, wiring
+from eldir_cad.checks._contacts import find_leads
+from eldir_cad.checks._kinematics import simulate_stroke
 from eldir_cad.checks.buildability import check
-from eldir_cad.checks.contacts import leads
 from eldir_cad.checks.strip_law import StripLaw
-from eldir_cad.checks.stroke import stroke
 from eldir_cad.checks.violations import BuildReport
 from eldir_cad.geometry.shapes import stl
-from eldir_cad.kit.fit import fitted_to_printer
-from eldir_cad.kit.printer import Printer, load_printer
+from eldir_cad.kit.printer import Printer, fit_to_printer, load_printer
 from eldir_cad.kit.specification import Specification, load_specification
-from eldir_cad.packet import drawing, lists
-from eldir_cad.packet.content import Content, make
-from eldir_cad.packet.findings import findings_page
+from eldir_cad.packet import _drawing
+from eldir_cad.packet._content import Content, bill_of_materials, make_content, wiring_table
+from eldir_cad.packet._pages import (
+    add_footer,
+    draw_findings,
+    draw_order_of_work,
+    draw_traveller,
+    to_pdf,
+)
 from eldir_cad.packet.manifest import Manifest
-from eldir_cad.packet.traveller import order_of_work, pdf, stamped, traveller
 
 
 @dataclass(frozen=True)
@@ -57,13 +61,13 @@ def write_packet(
     parts do not fit together, or `out` cannot be written.
     """
     printer = printer or load_printer()
-    spec = fitted_to_printer(specification or load_specification(), printer)
+    spec = fit_to_printer(specification or load_specification(), printer)
     variant = variant or Variant()
     built = apply_variant(design, variant)
     report = check(built.morphology, spec, printer)
     report.require_buildable()
     with new_folder(out) as folder:
-        content = make(built, report, spec, printer, variant)
+        content = make_content(built, report, spec, printer, variant)
         connections = wiring(built.morphology.motors)
         _write_files(folder, content, connections)
         manifest = Manifest.of(folder, content, connections)
@@ -79,25 +83,25 @@ def _write_files(folder: Path, c: Content, connections: Wiring) -> None:
         write_bytes(folder / "plates" / f"{plate.name}.3mf", plate.threemf())
         write_bytes(folder / "plates" / f"{plate.name}.stl", plate.stl())
     body = c.assembly.morphology
-    write_text(folder / "bom.csv", lists.bill_of_materials(c))
-    wires = leads(stroke(body, c.spec, StripLaw.of(c.spec, c.printer)), body, c.spec)
-    write_text(folder / "wiring.csv", lists.wiring(c, connections, wires))
+    write_text(folder / "bom.csv", bill_of_materials(c))
+    leads = find_leads(simulate_stroke(body, c.spec, StripLaw.of(c.spec, c.printer)), body, c.spec)
+    write_text(folder / "wiring.csv", wiring_table(c, connections, leads))
     ballast = c.variant.ballast.mass if c.variant.ballast else None
-    plan = drawing.assembly_map(c.assembly, connections, ballast)
-    head = _heading(folder, c)
-    pages = [plan, *order_of_work(c), findings_page(body, c.report)]
-    write_bytes(folder / "assembly.pdf", pdf(stamped(pages, head)))
-    write_bytes(folder / "preview.png", png(drawing.preview(c.assembly, c.spec)))
-    write_bytes(folder / "preview.glb", drawing.preview_glb(c.assembly, c.spec))
-    write_bytes(folder / "traveller.pdf", pdf(stamped(traveller(c), head)))
+    plan = _drawing.draw_assembly_map(c.assembly, connections, ballast)
+    footer = _footer(folder, c)
+    pages = [plan, *draw_order_of_work(c), draw_findings(body, c.report)]
+    write_bytes(folder / "assembly.pdf", to_pdf(add_footer(pages, footer)))
+    write_bytes(folder / "preview.png", png(_drawing.draw_robot(c.assembly, c.spec)))
+    write_bytes(folder / "preview.glb", _drawing.robot_glb(c.assembly, c.spec))
+    write_bytes(folder / "traveller.pdf", to_pdf(add_footer(draw_traveller(c), footer)))
 
 
-def _heading(folder: Path, c: Content) -> str:
-    """Which robot the pages are for. The date is left to be filled in, as bytes must repeat."""
-    born = c.built.provenance
+def _footer(folder: Path, c: Content) -> str:
+    """Which robot the pages are for. The date is filled in by hand, so that the bytes are reproducible."""
+    origin = c.built.provenance
     name = (
-        f"robot {born['id']} of generation {born['generation']}"
-        if {"id", "generation"} <= set(born)
+        f"robot {origin['id']} of generation {origin['generation']}"
+        if {"id", "generation"} <= set(origin)
         else "robot"
     )
     digest = hashlib.sha256((folder / "design.json").read_bytes()).hexdigest()[:12]
@@ -106,7 +110,7 @@ def _heading(folder: Path, c: Content) -> str:
 
 def apply_variant(design: Design, variant: Variant) -> Design:
     """The design as it is built, with its `variant` (a motor replaced by a passive spring, a weight added)
-    and with the marks of the evolved design. Raises `InputError` for a motor that does not exist."""
+    and with the markers of the evolved design. Raises `InputError` for a motor that does not exist."""
     if variant == Variant():
         return design
     genotype, controller = design.genotype, design.controller
@@ -117,8 +121,8 @@ def apply_variant(design: Design, variant: Variant) -> Design:
         springs = genotype.springs.copy()
         springs[body.lattice_springs[body.active][motor]] = False
         genotype = Genotype(genotype.triangles, springs)
-        left = np.arange(body.motors) != motor
-        controller = Controller(controller.w1, controller.b1, controller.w2[left], controller.b2[left])
-    # The marks stay where they are: the control robot is compared with the design, mass by mass.
+        kept = np.arange(body.motors) != motor
+        controller = Controller(controller.w1, controller.b1, controller.w2[kept], controller.b2[kept])
+    # The markers stay on their masses: the control robot is compared with the design, mass by mass.
     marks = tuple(design.marks.tolist())
     return replace(design, genotype=genotype, controller=controller, variant=variant, kept_marks=marks)

@@ -1,4 +1,4 @@
-"""What is in a packet: the file manifest.json."""
+"""The contents of a packet: the file manifest.json."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from eldir.design import Variant
 from eldir.parameters.wiring import Connection, Wiring, wiring_digest
 from eldir_cad.checks.violations import BuildReport
 from eldir_cad.geometry.inspection import Inspection
-from eldir_cad.packet.content import Content
+from eldir_cad.packet._content import Content
 
 Digest = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 
@@ -30,7 +30,7 @@ class ManifestWiring(Record):
 
 
 @record
-class _Pieces(Record):
+class _PartTotals(Record):
     """Number and weight of a part."""
 
     count: PositiveInt
@@ -42,7 +42,7 @@ class _Pieces(Record):
 
 
 @record
-class PartNumbers(Inspection, _Pieces):  # in the file, the entries of the last base are the first
+class PartNumbers(Inspection, _PartTotals):  # in the file, the fields of the last base come first
     """A part, with measurements of one piece."""
 
 
@@ -74,7 +74,7 @@ class Clearance(Record):
 
 @record
 class Manifest(FileRecord):
-    """What is in a build packet."""
+    """Contents of a build packet."""
 
     FORMAT = "eldir-packet/1"
 
@@ -85,7 +85,7 @@ class Manifest(FileRecord):
     material: str
     """Name of the resin."""
     variant: Variant
-    """How the built robot differs from its design; empty: it does not."""
+    """How the built robot differs from its design; empty if it does not."""
     marks: dict[Annotated[str, Field(pattern="^m[1-5]$")], NonNegativeInt]
     """Number of the mass that carries each tracking disc."""
     wiring: ManifestWiring

@@ -1,29 +1,162 @@
-"""A shortlist as files: the designs with their predictions, and their pictures side by side."""
+"""A shortlist as files: the designs with their predictions, ranking.json, and pictures side by side."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from pydantic import Field, NonNegativeInt
 
+from eldir.built.gait import CYCLES, Gait
+from eldir.built.robot import build
+from eldir.built.samples import SampledWalks
+from eldir.built.walking import MAX_TIE_SHARE
 from eldir.core.files import new_folder, write_bytes
 from eldir.core.pictures import MARK, MOTOR, png
-from eldir.marks import marked_masses
-from eldir_cad.checks.rigidity import hinges
-from eldir_cad.shortlist.numbers import RankedPrediction, Ranking, RankingRow
+from eldir.core.records import OMITTED, FileRecord, Record, record
+from eldir.design import marked_masses
+from eldir_cad.checks._kinematics import find_hinges
+from eldir_cad.checks.violations import BuildReport
 from eldir_cad.shortlist.ranking import RankedDesign, Shortlist
+
+Share = Annotated[float, Field(ge=0, le=1)]
+
+
+@record
+class WalkStatistics(Record):
+    """Walks of sampled robots in this gait [body lengths per five cycles]."""
+
+    samples: NonNegativeInt
+    """Number of simulated robots."""
+    fell: NonNegativeInt
+    """Number of them that fall over."""
+    expected: float | None
+    """Mean walk of all samples, a fall counted as 0; null if all fall."""
+    standard_error: float | None
+    """Standard error of the expected walk."""
+    mm_per_cycle: float | None
+    """The expected walk of one cycle [mm]."""
+    mm_per_minute: float | None
+    """The expected walk of one minute [mm]."""
+    mean: float | None
+    """Mean walk of the samples that stay upright; null if all fall."""
+    standard_deviation: float | None
+    """Standard deviation of the walks of the samples that stay upright; null if fewer than two do."""
+    probability_forward: Share
+    """Share of all samples that stay upright and go forward."""
+    tie_share: Share | None
+    """Share of the feet's sliding in which both outer feet carry 45 to 55 % of the load."""
+
+    @classmethod
+    def of(cls, spread: SampledWalks, body_length: float, period: float) -> WalkStatistics:
+        """Statistics of a robot's samples; lengths in metres, the period in seconds."""
+        samples, upright = len(spread.displacement), int(np.isfinite(spread.displacement).sum())
+        cycle = 1e3 * spread.expected * body_length / CYCLES
+        return cls(
+            samples,
+            samples - upright,
+            spread.expected if upright else None,
+            spread.error if upright else None,
+            cycle if upright else None,
+            cycle * 60.0 / period if upright else None,
+            spread.mean if upright else None,
+            spread.spread if upright > 1 else None,
+            spread.probability_forward,
+            spread.tie_share if np.isfinite(spread.tie_share) else None,
+        )
+
+    def __str__(self) -> str:
+        """Expected walk with its standard error, falls, and the walk of a minute."""
+        if self.expected is None:
+            return "all samples fall over"
+        fell = f", {self.fell} of {self.samples} fall over" if self.fell else ""
+        walk = f"{self.expected:+.2f} ± {self.standard_error:.2f} body lengths in 5 cycles"
+        tied = self.tie_share is not None and self.tie_share > MAX_TIE_SHARE
+        ties = f", doubtful: ties {self.tie_share:.0%}" if tied else ""
+        return f"{walk} ({self.mm_per_minute:.0f} mm a minute){fell}{ties}"
+
+    @property
+    def forward(self) -> str:
+        """How many samples go forward, in words."""
+        return f"forward in {self.probability_forward:.0%} of {self.samples} samples"
+
+
+@record
+class RankedPrediction(Record):
+    """Predictions of the models."""
+
+    body_lengths_per_5_cycles: float | None
+    """Walk in the screening, with nominal parameters [body lengths per five cycles]; null if it falls."""
+    sampled_walks: WalkStatistics
+    """Walks of sampled robots in this gait [body lengths per five cycles]."""
+    static_margin_mm: float
+    """Distance of the centre of mass from the edge of the feet [mm]."""
+
+    @classmethod
+    def of(cls, ranked: RankedDesign) -> RankedPrediction:
+        """The predictions for a ranked design."""
+        length = build(ranked.design.morphology).body_length
+        walks = WalkStatistics.of(ranked.spread, length, ranked.gait.period)
+        best = ranked.screened.best
+        return cls(best if np.isfinite(best) else None, walks, 1e3 * ranked.screened.margin)
+
+
+@record
+class RankingRow(Record):
+    """A design of the shortlist."""
+
+    OPTIONAL = frozenset({"id", "generation", "fitness_m"})
+
+    file: str
+    """Name of the design file."""
+    id: Annotated[NonNegativeInt | None, OMITTED]
+    """Number of the robot in its run."""
+    generation: Annotated[NonNegativeInt | None, OMITTED]
+    """Generation in which the robot was born."""
+    fitness_m: Annotated[float | None, OMITTED]
+    """Fitness of the robot in its run [m]."""
+    gait: Gait
+    """The gait for which the walk is predicted."""
+    predicted: RankedPrediction
+    """Predictions of the models."""
+    build_report: BuildReport
+    """Findings of the build filter."""
+
+    @classmethod
+    def of(cls, file: str, ranked: RankedDesign) -> RankingRow:
+        """The row of a ranked design."""
+        known = ranked.design.provenance.get
+        predicted, number = RankedPrediction.of(ranked), known("id")
+        generation, fitness = known("generation"), known("fitness_m")
+        return cls(file, number, generation, fitness, ranked.gait, predicted, ranked.report)
+
+
+@record
+class Ranking(FileRecord):
+    """Format 2 has predicted.sampled_walks.samples. Format 1 called them predicted.ensemble.builds; the
+    values are the same."""
+
+    FORMAT = "eldir-ranking/3"
+
+    considered: NonNegativeInt
+    """Number of different bodies in the run."""
+    left_out: dict[str, NonNegativeInt]
+    """Number of designs that each reason rejected, the most frequent reason first."""
+    designs: Annotated[tuple[RankingRow, ...], Field(min_length=1)]
+    """The designs of the shortlist, best first."""
 
 
 def write_shortlist(shortlist: Shortlist, out: Path) -> tuple[RankingRow, ...]:
     """Write design files, best first, `ranking.json` and pictures side by side. Returns the rows of the
     ranking.
 
-    Raises `EldirError` where no design is left.
+    Raises `EldirError` if no design is left.
     """
     shortlist.require_candidates(
         "evolve more, with --lattice 6x11 --max-motors 2 --static-margin 20 --buildable"
@@ -37,17 +170,17 @@ def write_shortlist(shortlist: Shortlist, out: Path) -> tuple[RankingRow, ...]:
             predicted = {"gait": row.gait.to_json(), "predicted": row.predicted.to_json()}
             replace(d, provenance=d.provenance | predicted).save(folder / name)
         Ranking(shortlist.considered, shortlist.left_out, rows).save(folder / "ranking.json")
-        write_bytes(folder / "shortlist.png", png(_pictures(shortlist.candidates)))
+        write_bytes(folder / "shortlist.png", png(_draw_designs(shortlist.candidates)))
     return rows
 
 
-def _pictures(candidates: Sequence[RankedDesign]) -> Figure:
+def _draw_designs(candidates: Sequence[RankedDesign]) -> Figure:
     """The bodies side by side with their predictions."""
     columns = min(len(candidates), 3)
     rows = -(-len(candidates) // columns)
     figure = Figure(figsize=(4.6 * columns, 2.9 * rows), layout="constrained")
-    # All at one scale, each centred above the ground.
-    widest, tallest = np.max([np.ptp(c.design.morphology.positions, axis=0) for c in candidates], axis=0)
+    # All at the same scale, each centred above the ground.
+    width, height = np.max([np.ptp(c.design.morphology.positions, axis=0) for c in candidates], axis=0)
     for i, candidate in enumerate(candidates):
         axes = figure.add_subplot(rows, columns, i + 1)
         body = candidate.design.morphology
@@ -57,13 +190,13 @@ def _pictures(candidates: Sequence[RankedDesign]) -> Figure:
         x, y = body.positions[marked_masses(body)].T
         axes.plot(*body.positions.T, "o", color="black", markersize=3)
         axes.plot(x, y, "o", color=MARK, markersize=6)
-        joints = body.positions[[h.mass for h in hinges(body)]].reshape(-1, 2).T
+        joints = body.positions[[h.mass for h in find_hinges(body)]].reshape(-1, 2).T
         axes.plot(*joints, "o", mfc="none", mec="black", markersize=9)
         axes.axhline(float(body.positions[:, 1].min()), color="#bbbbbb", linewidth=0.8, zorder=0)
         left, bottom = body.positions.min(axis=0)
         middle = left + body.body_length / 2
-        axes.set_xlim(middle - 0.55 * widest, middle + 0.55 * widest)
-        axes.set_ylim(bottom - 0.02, bottom + 1.05 * tallest)
+        axes.set_xlim(middle - 0.55 * width, middle + 0.55 * width)
+        axes.set_ylim(bottom - 0.02, bottom + 1.05 * height)
         axes.set_aspect("equal")
         axes.axis("off")
         walks = RankedPrediction.of(candidate).sampled_walks

@@ -1,10 +1,11 @@
-"""Rank the designs of a run for building: first the build filter, then the predicted walk as built.
+"""Ranks the designs of a run for building: first the build filter, then the predicted walk as built.
 
 The fitness in the paper's scene does not rank built robots (docs/reference/built.md). The walk as built
 does: first in the best phases, or in the gait that evolved with the body; then over samples, robots of the
-same design with slightly different parameters. A design is worth the mean walk of its samples, a fall
-counted as no walk, less half their standard deviation. A walk that ties decide (`eldir.built.walking.TIED`)
-cannot be predicted well. Of bodies that evolved with a gait, those that differ come first.
+same design with slightly different parameters. The fitness of a design is the mean walk of its samples, a
+fall counted as no walk, less half their standard deviation. A walk that ties decide
+(`eldir.built.walking.MAX_TIE_SHARE`) cannot be predicted well. Of bodies that evolved with a gait, those that
+differ come first.
 """
 
 from __future__ import annotations
@@ -15,13 +16,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from eldir.built.gait import Gait, gait_of
-from eldir.built.robot import build
-from eldir.built.samples import IdentifiedRobots, NominalRobots, SampledWalks, sampled_walks
-from eldir.built.scene import BuiltScene
-from eldir.built.screening import Screened, screen
-from eldir.built.statics import freedoms, static_margin
-from eldir.built.walking import TIED, walk
+from eldir.built.gait import Gait, read_gait
+from eldir.built.robot import build, count_mechanisms, static_margin
+from eldir.built.samples import IdentifiedRobots, NominalRobots, SampledWalks, sample_walks
+from eldir.built.scene import PrintedScene
+from eldir.built.screening import ScreeningResult, screen
+from eldir.built.walking import MAX_TIE_SHARE, walk
 from eldir.design import Design
 from eldir.errors import EldirError
 from eldir.lattice import HALF_SIDE
@@ -31,19 +31,21 @@ from eldir.parameters.springs import SpringParameters
 from eldir_cad.checks.buildability import check
 from eldir_cad.checks.strip_law import built_parameters, hub_parameters, spring_parameters
 from eldir_cad.checks.violations import BuildReport
-from eldir_cad.kit.defaults import SEED, TOP
-from eldir_cad.kit.fit import fitted_to_printer
-from eldir_cad.kit.printer import Printer, load_printer
+from eldir_cad.kit.printer import Printer, fit_to_printer, load_printer
 from eldir_cad.kit.specification import Specification, load_specification
+from eldir_cad.shortlist import MAX_DESIGNS, SEED
 
-_BEATEN = "walks less far than others"
-_HEAVIER = 4.0  # mass scaling of robots with hubs: the mean of 8 walks changes by 0.03, root mean square
-_SAMPLED = 2  # designs to sample for each place on the list: samples change the order
-MOST = 400  # designs to simulate as built, in the run's order; more take too long
+_NOT_FAR_ENOUGH = "walks less far than others"
+_HUB_MASS_SCALING = 4.0  # the mean of 8 walks changes by 0.03, root mean square
+_SAMPLED_PER_PLACE = 2  # designs to sample for each place on the list: samples change the order
+MAX_SIMULATED = 400
+"""Designs to simulate as built, in the run's order; more take too long."""
 Progress = Callable[[str, float], None]
-ALIKE = 0.8
-"""Two bodies that share more than this are alike."""
-_GRID = 4  # steps in half a side of a triangle: middles of springs lie on them, masses on every fourth
+MAX_SIMILARITY = 0.8
+"""Bodies that share more of their springs count as similar."""
+_GRID = (
+    4  # steps in half a side of a triangle: middles of springs are on the grid, masses on every fourth step
+)
 
 
 @dataclass(frozen=True)
@@ -52,14 +54,14 @@ class RankedDesign:
 
     design: Design
     report: BuildReport
-    screened: Screened
+    screened: ScreeningResult
     gait: Gait
     spread: SampledWalks
 
     @property
-    def tied(self) -> bool:
+    def is_doubtful(self) -> bool:
         """Whether ties make the prediction doubtful."""
-        return self.spread.tie_share > TIED
+        return self.spread.tie_share > MAX_TIE_SHARE
 
 
 @dataclass(frozen=True)
@@ -73,7 +75,7 @@ class Shortlist:
     """Number of designs that each reason rejected, the most frequent reason first."""
 
     def require_candidates(self, remedy: str) -> None:
-        """Raise `EldirError` where no design is left."""
+        """Raise `EldirError` if no design is left."""
         if not self.candidates:
             reasons = ", ".join(f"{n} {kind}" for kind, n in self.left_out.items()) or "no designs"
             problem, found = (
@@ -85,140 +87,140 @@ class Shortlist:
 
 def rank(
     designs: Sequence[Design],
-    top: int = TOP,
+    top: int = MAX_DESIGNS,
     specification: Specification | None = None,
     printer: Printer | None = None,
     seed: int = SEED,
     progress: Progress | None = None,
-    known: BuiltScene | None = None,
+    scene: PrintedScene | None = None,
     springs: SpringParameters | None = None,
 ) -> Shortlist:
-    """The `top` designs whose samples walk farthest (`SampledWalks.worth`), each in its best gait. Designs
+    """The `top` designs whose samples walk farthest (`SampledWalks.fitness`), each in its best gait. Designs
     whose prediction is doubtful because of ties come after the others.
 
-    `known`: an identified robot; samples are then drawn from its uncertainty. `springs`: nominal springs on
+    `scene`: an identified robot; samples are then drawn from its uncertainty. `springs`: nominal springs on
     the supply of a rig. `progress` is called with the name of the stage and the completed share of it.
     """
     show = progress or (lambda _stage, _share: None)
     printer = printer or load_printer()
-    spec = fitted_to_printer(specification or load_specification(), printer)
-    different = _different(designs)
+    spec = fit_to_printer(specification or load_specification(), printer)
+    different = _unique_bodies(designs)
     reasons: Counter[str] = Counter()
-    sound = _filtered(different, spec, printer, reasons, show)
+    buildable = _filter_buildable(different, spec, printer, reasons, show)
     nominal = RobotParameters(built_parameters(spec, printer), springs or spring_parameters(spec))
-    robot = nominal if known is None else known.robot.uniform
+    robot = nominal if scene is None else scene.robot.uniform
     with_hubs = replace(nominal, printed=hub_parameters(spec, printer))
-    standing = _standing([d for d, _ in sound], robot, _SAMPLED * top, reasons, show)
+    standing = _screen([d for d, _ in buildable], robot, _SAMPLED_PER_PLACE * top, reasons, show)
     candidates = []
     for i, (s, gait) in enumerate(standing):
-        design, report = sound[s.index]
+        design, report = buildable[s.index]
         body = design.morphology
         robots = (
             NominalRobots(body, with_hubs)
-            if known is None
-            else IdentifiedRobots(body, robot, parameters=known.parameters, covariance=known.covariance)
+            if scene is None
+            else IdentifiedRobots(body, robot, parameters=scene.parameters, covariance=scene.covariance)
         )
-        heavier = _HEAVIER if robots.robot.printed.joints == "hubs" else 1.0
-        (walks,) = sampled_walks(robots, [gait], seed=seed, mass_scaling=heavier)
+        mass_scaling = _HUB_MASS_SCALING if robots.robot.printed.joints == "hubs" else 1.0
+        (walks,) = sample_walks(robots, [gait], seed=seed, mass_scaling=mass_scaling)
         candidates.append(RankedDesign(design, report, s, gait, walks))
         show("samples", (i + 1) / len(standing))
-    candidates.sort(key=lambda c: (c.tied, -c.spread.worth))
-    reasons[_BEATEN] += len(candidates[top:])
+    candidates.sort(key=lambda c: (c.is_doubtful, -c.spread.fitness))
+    reasons[_NOT_FAR_ENOUGH] += len(candidates[top:])
     left_out = {kind: n for kind, n in reasons.most_common() if n}
     return Shortlist(tuple(candidates[:top]), len(different), left_out)
 
 
-def _filtered(
-    different: Sequence[Design], spec: Specification, printer: Printer, reasons: Counter[str], show: Progress
+def _filter_buildable(
+    designs: Sequence[Design], spec: Specification, printer: Printer, reasons: Counter[str], show: Progress
 ) -> list[tuple[Design, BuildReport]]:
     """The designs that pass the build filter; the others are counted in `reasons`."""
-    sound: list[tuple[Design, BuildReport]] = []
-    for i, design in enumerate(different):
+    buildable: list[tuple[Design, BuildReport]] = []
+    for i, design in enumerate(designs):
         report = check(design.morphology, spec, printer)
-        against = next((v.kind for v in report.violations if v.severity != "note"), None)
-        if against is not None:
-            reasons[against] += 1
-        elif len(sound) >= MOST:
+        violation = next((v.kind for v in report.violations if v.severity != "note"), None)
+        if violation is not None:
+            reasons[violation] += 1
+        elif len(buildable) >= MAX_SIMULATED:
             reasons["not simulated: enough others"] += 1
         else:
-            sound.append((design, report))
-        show("build filter", (i + 1) / len(different))
-    return sound
+            buildable.append((design, report))
+        show("build filter", (i + 1) / len(designs))
+    return buildable
 
 
-def _standing(
+def _screen(
     designs: Sequence[Design],
     robot: RobotParameters,
-    most: int,
+    max_count: int,
     reasons: Counter[str],
     show: Progress,
-) -> list[tuple[Screened, Gait]]:
+) -> list[tuple[ScreeningResult, Gait]]:
     """At most so many robots that stay upright in their best gait, the farthest first; the others are counted
     in `reasons`. Designs that evolved with a gait walk in it, and are in the order of their run, which knows
     them from more than one robot; but those that are like a better one come last."""
-    gaits = [gait_of(design) for design in designs]
+    gaits = [read_gait(design) for design in designs]
     bodies = [design.morphology for design in designs]
     if gaits and None not in gaits:
-        most = most // _SAMPLED + 1  # their run has sampled them already
-        reasons[_BEATEN] += len(designs[most:])
-        evolved = [(i, gaits[i]) for i in diverse_first(bodies)[:most]]
+        max_count = max_count // _SAMPLED_PER_PLACE + 1  # their run has sampled them already
+        reasons[_NOT_FAR_ENOUGH] += len(designs[max_count:])
+        evolved = [(i, gaits[i]) for i in diverse_first(bodies)[:max_count]]
         return [(_as_evolved(i, designs[i], g, robot), g) for i, g in evolved if g is not None]
-    found = []
+    screened = []
     for s in screen(bodies, robot.printed, robot.springs, progress=lambda share: show("all phases", share)):
         if s.rejected:
             # Its reason names the number of mechanisms; together they count as one.
-            reasons["mechanism" if s.freedoms else "static margin"] += 1
+            reasons["mechanism" if s.mechanisms else "static margin"] += 1
         elif not np.isfinite(s.best):
             reasons["falls over, folds or buckles a coil"] += 1
         elif not s.exact or s.gait is None:
-            reasons[_BEATEN] += 1
+            reasons[_NOT_FAR_ENOUGH] += 1
         else:
-            found.append((s, s.gait))
-    found.sort(key=lambda pair: -pair[0].best)
-    reasons[_BEATEN] += len(found[most:])
-    return found[:most]
+            screened.append((s, s.gait))
+    screened.sort(key=lambda pair: -pair[0].best)
+    reasons[_NOT_FAR_ENOUGH] += len(screened[max_count:])
+    return screened[:max_count]
 
 
-def _as_evolved(index: int, design: Design, gait: Gait, robot: RobotParameters) -> Screened:
+def _as_evolved(index: int, design: Design, gait: Gait, robot: RobotParameters) -> ScreeningResult:
     """The screening of a design in the gait that evolved with it: the walk of its nominal robot."""
     nominal = build(design.morphology, robot)
-    far = walk(nominal, gait, robot.springs)
-    loose = freedoms(nominal.positions, nominal.springs)
-    return Screened(index, static_margin(nominal), loose, np.array([far]), gait, True, "")
+    distance = walk(nominal, gait, robot.springs)
+    mechanisms = count_mechanisms(nominal.positions, nominal.springs)
+    return ScreeningResult(index, static_margin(nominal), mechanisms, np.array([distance]), gait, True, "")
 
 
-def _different(designs: Sequence[Design]) -> list[Design]:
+def _unique_bodies(designs: Sequence[Design]) -> list[Design]:
     """The first design of each body."""
-    seen: dict[bytes, Design] = {}
+    unique: dict[bytes, Design] = {}
     for design in designs:
-        seen.setdefault(design.morphology.key, design)
-    return list(seen.values())
+        unique.setdefault(design.morphology.key, design)
+    return list(unique.values())
 
 
-def shared_springs(one: Morphology, other: Morphology) -> float:
-    """Springs that two bodies have in common when they stand best on each other, as a share of all springs
-    of both, 0 to 1. Bodies stand on the ground and may be shifted along it, not turned round."""
-    a, b = _spring_places(one), _spring_places(other)
-    longest = max(x for x, _ in a | b) // _GRID
-    steps = range(-longest * _GRID, longest * _GRID + 1, _GRID)
-    return max(_share(a, {(x + step, z) for x, z in b}) for step in steps)
+def spring_overlap(one: Morphology, other: Morphology) -> float:
+    """Springs that two bodies have in common at the best position of one on the other, as a share of all
+    springs of both, 0 to 1. Bodies stand on the ground; they may be shifted along it, but not mirrored."""
+    a, b = _spring_positions(one), _spring_positions(other)
+    max_shift = max(x for x, _ in a | b) // _GRID
+    steps = range(-max_shift * _GRID, max_shift * _GRID + 1, _GRID)
+    return max(_jaccard(a, {(x + step, z) for x, z in b}) for step in steps)
 
 
-def diverse_first(bodies: Sequence[Morphology], alike: float = ALIKE) -> list[int]:
-    """Indices of the bodies that share at most `alike` with each one chosen before; then those of the others.
-    Both in their order."""
+def diverse_first(bodies: Sequence[Morphology], max_similarity: float = MAX_SIMILARITY) -> list[int]:
+    """Indices of the bodies that share at most `max_similarity` of their springs with each one chosen before;
+    then those of the others. Both in their order."""
     chosen: list[int] = []
     for i, body in enumerate(bodies):
-        if all(shared_springs(body, bodies[k]) <= alike for k in chosen):
+        if all(spring_overlap(body, bodies[k]) <= max_similarity for k in chosen):
             chosen.append(i)
     return chosen + [i for i in range(len(bodies)) if i not in set(chosen)]
 
 
-def _spring_places(body: Morphology) -> set[tuple[int, int]]:
+def _spring_positions(body: Morphology) -> set[tuple[int, int]]:
     """Middles of the springs on a grid, from the body's lower left corner."""
     middles = (body.positions[body.springs].mean(axis=1) - body.positions.min(axis=0)) / HALF_SIDE * _GRID
     return {(round(x), round(z)) for x, z in middles.tolist()}
 
 
-def _share(a: set[tuple[int, int]], b: set[tuple[int, int]]) -> float:
+def _jaccard(a: set[tuple[int, int]], b: set[tuple[int, int]]) -> float:
     return len(a & b) / len(a | b)

@@ -1,4 +1,4 @@
-"""Range of motion cycle by cycle, while the marks of a run are still arriving."""
+"""Range of motion cycle by cycle, while the markers of a run are still arriving."""
 
 from __future__ import annotations
 
@@ -11,9 +11,7 @@ from eldir.core.records import FloatArray
 from eldir.design import Design
 from eldir.errors import EldirError
 from eldir.trajectory import Trajectory
-from eldir_calibration.comparison.predictions import motions_without_camera
 from eldir_calibration.report.comparison import Motion
-from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.schedule import ActuationSchedule
 
 
@@ -23,18 +21,18 @@ class CycleRanges(NamedTuple):
     cycle: int
     """Number of the cycle, from 1."""
     ranges: dict[str, FloatArray]
-    """Vertical range of motion [m] of each mark (K,), by kind: `tracked`, and `simulated` and `predicted`
+    """Vertical range of motion [m] of each marker (K,), by kind: `tracked`, and `simulated` and `predicted`
     as soon as they are known."""
-    walked: float
+    displacement: float
     """Tracked displacement in the cycle [body lengths]."""
 
 
 class LiveRangeOfMotion:
-    """Ranges of motion of one run, from the marks as they arrive."""
+    """Ranges of motion of one run, from the markers as they arrive."""
 
     def __init__(self, design: Design, schedule: ActuationSchedule):
         self.predictions: dict[str, Motion] = {}
-        """The motions that need no camera, by kind; fill it when `predict_motions` has computed them."""
+        """The motions without a camera, by kind; set it to the result of `predict_motions`."""
         self._body_length = build(design.morphology).body_length
         self._schedule = schedule
         self._times: list[float] = []
@@ -42,10 +40,10 @@ class LiveRangeOfMotion:
         self._cycle = 0
 
     def update(self, t: float, names: tuple[str, ...], positions: FloatArray) -> CycleRanges | None:
-        """Add the positions (K, 2) [m] of the marks at `t` [s since the schedule's start].
+        """Add the positions (K, 2) [m] of the markers at `t` [s since the schedule's start].
 
         Returns the ranges of the latest cycle when `t` is the first time after its end, else None; also
-        None where the positions do not cover the cycle. A mark that was not seen has the range NaN. Times
+        None where the positions do not cover the cycle. A marker that was not seen has the range NaN. Times
         before the start and out of order are ignored.
         """
         if t < 0 or (self._times and t <= self._times[-1]):
@@ -74,9 +72,3 @@ class LiveRangeOfMotion:
             return CycleRanges(self._cycle, ranges, tracked.displacement() / 5.0)
         except EldirError:  # the positions do not cover the cycle
             return None
-
-
-def predict_motions(design: Design, rig: Rig, schedule: ActuationSchedule) -> dict[str, Motion]:
-    """The motions that need no camera, as `LiveRangeOfMotion.predictions` takes them; takes seconds."""
-    simulated, predicted = motions_without_camera(design, schedule, rig)
-    return {"simulated": simulated, "predicted": predicted}

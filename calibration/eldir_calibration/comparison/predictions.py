@@ -9,14 +9,14 @@ from typing import NamedTuple
 import numpy as np
 
 from eldir.built.heat import SpringState, heat
-from eldir.built.motion import FINE, BuiltMotion, drive
-from eldir.built.robot import BuiltRobot, build
+from eldir.built.motion import OK, PrintedMotion, drive
+from eldir.built.robot import PrintedRobot, build
 from eldir.built.samples import IdentifiedRobots, NominalRobots, RobotDistribution
-from eldir.built.scene import BuiltScene
-from eldir.built.walking import stands
+from eldir.built.scene import PrintedScene
+from eldir.built.walking import stays_upright
 from eldir.core.records import FloatArray, IntArray
 from eldir.design import Design
-from eldir.errors import blown_up
+from eldir.errors import divergence_error
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
@@ -25,21 +25,21 @@ from eldir.trajectory import Trajectory
 from eldir_calibration.comparison.film import PredictedBody
 from eldir_calibration.comparison.recorded_run import RecordedRun
 from eldir_calibration.report.comparison import CYCLES, Motion
-from eldir_calibration.report.null_comparison import other_robots
-from eldir_calibration.report.sampled_motions import SampledMotions
+from eldir_calibration.report.controls import sample_other_robots
+from eldir_calibration.report.verdict import SampledMotions
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.schedule import ActuationSchedule
 
 _INTERVAL = 0.05  # of the predicted temperatures [s]
-_SECOND = 20  # intervals between two looks at whether a sample stands
-_FILMED = 2  # intervals from one place of the whole body to the next
+_UPRIGHT_STRIDE = 20  # intervals between two looks at whether a sample stands
+_BODY_STRIDE = 2  # intervals from one place of the whole body to the next
 SAMPLES = 16
 """As many as `eldir gait` simulates."""
 _NULL_CYCLES = 2
 """Other bodies are simulated for two cycles only, which takes half the time."""
 
 
-class Predicted(NamedTuple):
+class PredictedMotions(NamedTuple):
     """Predicted motions for some runs."""
 
     evolved: Motion
@@ -62,7 +62,7 @@ class _Simulation:
 
     run: RecordedRun
     """The run whose schedule it follows."""
-    robot: BuiltRobot
+    robot: PrintedRobot
     marks: IntArray
     free: tuple[float, float]
     """Cold and hot free length of its springs [m]."""
@@ -71,45 +71,52 @@ class _Simulation:
     cycles: int
     body_length: float
     """Body length of the robot [m]."""
-    must_stand: bool = False
+    must_stay_upright: bool = False
     """Whether it counts only if it stays upright."""
 
 
 def predict_runs(
-    runs: Sequence[RecordedRun], scene: BuiltScene | None = None, samples: int = SAMPLES
-) -> Predicted:
+    runs: Sequence[RecordedRun], scene: PrintedScene | None = None, samples: int = SAMPLES
+) -> PredictedMotions:
     """Every motion that a report shows beside the camera's, simulated as one batch: of the nominal robots, or
     of the identified robot of a scene, with its parts as found. `samples`: of the first run's robot."""
-    simulations = [_own(run, scene) for run in runs]
-    sampled = _samples(runs[0], scene, samples)
-    simulations += [_other(simulations[0], body, marks) for body, marks in other_robots(runs[0].design)]
+    simulations = [_prepare_run(run, scene) for run in runs]
+    sampled = _prepare_samples(runs[0], scene, samples)
+    simulations += [
+        _prepare_other(simulations[0], body, marks) for body, marks in sample_other_robots(runs[0].design)
+    ]
     if scene is not None:
-        simulations.append(_own(runs[0], None))
-    every, body = _drive([*simulations, *sampled])
+        simulations.append(_prepare_run(runs[0], None))
+    every, body = _simulate([*simulations, *sampled])
     motions, drawn = every[: len(simulations)], every[len(simulations) :]
     own, others = motions[: len(runs)], motions[len(runs) :]
     before = others.pop() if scene is not None else None
     if None in own or (scene is not None and before is None):
-        raise blown_up("the predicted motion")
+        raise divergence_error("the predicted motion")
     found = SampledMotions.of(drawn, len(runs[0].names))
-    return Predicted(evolved(runs[0]), [m for m in own if m], [m for m in others if m], before, found, body)
+    return PredictedMotions(
+        simulate_evolved(runs[0]), [m for m in own if m], [m for m in others if m], before, found, body
+    )
 
 
-def motions_without_camera(design: Design, schedule: ActuationSchedule, rig: Rig) -> tuple[Motion, Motion]:
-    """The evolved motion of the design's marks, and the one predicted for exactly this schedule."""
+def predict_motions(design: Design, schedule: ActuationSchedule, rig: Rig) -> dict[str, Motion]:
+    """The motions of the markers without a camera: `simulated` as evolved, and `predicted` for this schedule.
+
+    Takes seconds. Raises `EldirError` where the simulation fails.
+    """
     run = RecordedRun(design, schedule, rig)
-    (predicted,), _ = _drive([_own(run, None)])
+    (predicted,), _ = _simulate([_prepare_run(run, None)])
     if predicted is None:
-        raise blown_up("the predicted motion")
-    return evolved(run), predicted
+        raise divergence_error("the predicted motion")
+    return {"simulated": simulate_evolved(run), "predicted": predicted}
 
 
-def evolved(run: RecordedRun) -> Motion:
+def simulate_evolved(run: RecordedRun) -> Motion:
     """The closed-loop rollout: its last five whole cycles of the pattern generators."""
     design = run.design
     (rollout,) = simulate([design.morphology], [design.controller], design.scene)
-    if rollout.status != FINE:
-        raise blown_up(f"step {rollout.status} of the design's rollout")
+    if rollout.status != OK:
+        raise divergence_error(f"step {rollout.status} of the design's rollout")
     times = np.arange(len(rollout.positions)) * design.scene.dt
     period = 2 * np.pi / design.scene.omega
     cycles = min(CYCLES, int(times[-1] / period))
@@ -125,34 +132,34 @@ def evolved(run: RecordedRun) -> Motion:
     )
 
 
-def _joints(rig: Rig) -> BuiltParameters:
+def _nominal_joints(rig: Rig) -> BuiltParameters:
     """A nominal robot with hubs; with pins where the engine moves a virtual one, which has them."""
     pinned = rig.kind == "virtual" and rig.virtual.physics == "eldir"
     return BuiltParameters() if pinned else BuiltParameters().with_hubs()
 
 
-def _own(run: RecordedRun, scene: BuiltScene | None) -> _Simulation:
+def _prepare_run(run: RecordedRun, scene: PrintedScene | None) -> _Simulation:
     body, ballast = run.design.morphology, run.design.ballast / 2
-    nominal = RobotParameters(_joints(run.rig), run.rig.spring_parameters())
+    nominal = RobotParameters(_nominal_joints(run.rig), run.rig.spring_parameters())
     whole = nominal if scene is None else scene.robot_of(run.design)
     robot = build(body, whole, ballast=ballast)
-    lengths = _lengths(run, whole.springs_of(body.motors))
+    lengths = _free_lengths(run, whole.motor_springs(body.motors))
     s, free = run.schedule, whole.free_lengths
     return _Simulation(run, robot, run.design.marks, free, lengths, s.cycles, run.robot.body_length)
 
 
-def _samples(run: RecordedRun, scene: BuiltScene | None, count: int) -> list[_Simulation]:
+def _prepare_samples(run: RecordedRun, scene: PrintedScene | None, count: int) -> list[_Simulation]:
     """Samples of the robot of a run; with the schedule's seed they are those that `eldir gait` simulated."""
     design, body = run.design, run.design.morphology
     if scene is None:
-        nominal = RobotParameters(_joints(run.rig), run.rig.spring_parameters())
+        nominal = RobotParameters(_nominal_joints(run.rig), run.rig.spring_parameters())
         robots: RobotDistribution = NominalRobots(body, nominal, design.ballast / 2)
     else:
         robots = IdentifiedRobots.of(design, scene, [film.gait for film in scene.filmed_of(design)])
     found = []
     for one in robots.samples(count, run.schedule.provenance.seed or 0):
         built = build(body, one, ballast=design.ballast / 2)
-        lengths = _lengths(run, one.springs_of(body.motors))
+        lengths = _free_lengths(run, one.motor_springs(body.motors))
         free = robots.free_lengths_of(one)
         found.append(
             _Simulation(run, built, design.marks, free, lengths, run.schedule.cycles, built.body_length, True)
@@ -160,14 +167,14 @@ def _samples(run: RecordedRun, scene: BuiltScene | None, count: int) -> list[_Si
     return found
 
 
-def _other(own: _Simulation, body: BuiltRobot, marks: IntArray) -> _Simulation:
+def _prepare_other(own: _Simulation, body: PrintedRobot, marks: IntArray) -> _Simulation:
     s = own.run.schedule
     cycles = min(s.cycles, _NULL_CYCLES)
     end = int(np.ceil((s.start_of_cycles + cycles * s.period_s) / _INTERVAL)) + 1
     return _Simulation(own.run, body, marks, own.free, own.lengths[:end], cycles, body.body_length)
 
 
-def _drive(simulations: Sequence[_Simulation]) -> tuple[list[Motion | None], PredictedBody]:
+def _simulate(simulations: Sequence[_Simulation]) -> tuple[list[Motion | None], PredictedBody]:
     """Their motions over the cycles that count; None for one that blew up, and for a sample that fell. And
     the first one's whole body."""
     moved = drive(
@@ -182,23 +189,23 @@ def _drive(simulations: Sequence[_Simulation]) -> tuple[list[Motion | None], Pre
         path = Trajectory(names, found.times, found.positions[:, one.marks[: len(names)]])
         s = one.run.schedule
         motion = Motion(path, s.start_of_cycles, s.period_s, one.cycles, one.body_length)
-        good = found.status == FINE and (not one.must_stand or _stood(one, found))
+        good = found.status == OK and (not one.must_stay_upright or _stays_upright(one, found))
         motions.append(motion if good else None)
     first, whole = simulations[0], moved[0]
-    shown = slice(None, None, _FILMED)
+    shown = slice(None, None, _BODY_STRIDE)
     body = PredictedBody(
         whole.times[shown], whole.positions[shown], first.run.design.morphology.springs, first.marks
     )
     return motions, body
 
 
-def _stood(one: _Simulation, found: BuiltMotion) -> bool:
-    seconds = slice(None, None, _SECOND)
+def _stays_upright(one: _Simulation, found: PrintedMotion) -> bool:
+    seconds = slice(None, None, _UPRIGHT_STRIDE)
     part = replace(found, positions=found.positions[seconds], rotations=found.rotations[seconds])
-    return stands(one.robot, part, one.lengths[seconds])
+    return stays_upright(one.robot, part, one.lengths[seconds])
 
 
-def _lengths(run: RecordedRun, springs: Sequence[SpringParameters]) -> FloatArray:
+def _free_lengths(run: RecordedRun, springs: Sequence[SpringParameters]) -> FloatArray:
     """Free lengths of the motors by the thermal model, every interval [m]. A control robot may follow the
     schedule of the intact one: channels of a motor that it has not heat nothing."""
     motors = len(springs)

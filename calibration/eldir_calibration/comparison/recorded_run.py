@@ -10,20 +10,19 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from eldir.built.robot import BuiltRobot, build
+from eldir.built.robot import PrintedRobot, build
+from eldir.core.records import FloatArray
 from eldir.design import Design, Variant
 from eldir.errors import InputError
 from eldir.trajectory import Trajectory
 from eldir_calibration.report.comparison import Motion
-from eldir_calibration.report.runs import INTACT
-from eldir_hardware.log.attachments import read_attachment
-from eldir_hardware.log.bag import log_in
-from eldir_hardware.log.fingerprint import fingerprint
-from eldir_hardware.log.reader import RunLog, read_log
+from eldir_calibration.report.controls import INTACT
+from eldir_hardware.log.mcap_file import find_log, fingerprint
+from eldir_hardware.log.reader import RunLog, read_attachment, read_log
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.schedule import ActuationSchedule
 
-_LATE = 0.25
+_MAX_MISSING_SHARE = 0.25
 """A cycle counts as complete where at most this part of it is missing at the end."""
 T = TypeVar("T")
 
@@ -38,11 +37,11 @@ class RecordedRun:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of its marks."""
+        """Names of its markers."""
         return tuple(f"m{i + 1}" for i in range(len(self.design.marks)))
 
     @cached_property
-    def robot(self) -> BuiltRobot:
+    def robot(self) -> PrintedRobot:
         """The nominal robot, one plane."""
         return build(self.design.morphology, ballast=self.design.ballast / 2)
 
@@ -70,18 +69,57 @@ class LoggedRun(RecordedRun):
         """The motion over the cycles that count, as many of them as the log holds completely."""
         s = self.schedule
         last = float(trajectory.times[-1]) if len(trajectory.times) else 0.0
-        whole = min(s.cycles, int((last - s.start_of_cycles) / s.period_s + _LATE))
-        if whole < 1:
+        complete = min(s.cycles, int((last - s.start_of_cycles) / s.period_s + _MAX_MISSING_SHARE))
+        if complete < 1:
             raise InputError(
                 f"{self.log.path} ends before its first cycle that counts",
                 code="log.too-short",
                 expected=f"{s.start_of_cycles + s.period_s:.0f} s or more",
                 found=f"{last:.1f} s; {self.ending}",
             )
-        return Motion(trajectory, s.start_of_cycles, s.period_s, whole, self.robot.body_length)
+        return Motion(trajectory, s.start_of_cycles, s.period_s, complete, self.robot.body_length)
+
+    def contact_shares(self, interval: float) -> FloatArray:
+        """Share of each `interval` [s] in which each motor's contacts were closed, shape (steps, motors)."""
+        if not len(self.log.relay_times):
+            raise InputError(
+                f"{self.log.path} does not say when contacts closed",
+                code="log.no-contacts",
+                expected="read-backs of the relays",
+            )
+        motors = self.design.morphology.motors
+        edges = np.arange(int(np.ceil(self.schedule.duration / interval)) + 1) * interval
+        closed, faces = np.zeros((motors, len(edges) - 1)), np.zeros(motors)
+        for entry in self.rig.channels:
+            if entry.spring < motors:
+                times = self._switching_times(entry.channel)
+                # What is closed at the end stays closed.
+                until = np.append(times, [np.inf] * (len(times) % 2)).reshape(-1, 2, 1)
+                since, until = np.clip(until[:, 0], 0, edges[-1]), np.clip(until[:, 1], 0, edges[-1])
+                overlap = np.minimum(until, edges[1:]) - np.maximum(since, edges[:-1])
+                closed[entry.spring] += np.maximum(overlap, 0.0).sum(axis=0) / interval
+                faces[entry.spring] += 1
+        return (closed / np.maximum(faces, 1)[:, None]).T
+
+    def _switching_times(self, channel: int) -> FloatArray:
+        """Times at which a channel closed and opened, alternately [s].
+
+        Two read-backs enclose a switching only to half a second, in which a spring may get a centimetre
+        longer. So the switching counts at its time in the schedule, if that lies between them. Otherwise
+        (after a pause, or where a contact stuck) it counts in the middle.
+        """
+        states = np.concatenate([[False], self.log.relays[:, channel - 1]])
+        times = np.concatenate([self.log.relay_times[:1], self.log.relay_times])
+        scheduled = [(t, changes[channel]) for t, changes in self.schedule.switchings() if channel in changes]
+        switchings = []
+        for i in np.flatnonzero(states[1:] != states[:-1]):
+            before, after = times[i], times[i + 1]
+            inside = [t for t, on in scheduled if on == states[i + 1] and before <= t <= after]
+            switchings.append(inside[0] if inside else (before + after) / 2)
+        return np.array(switchings)
 
     @property
-    def moved_by(self) -> str:
+    def physics_note(self) -> str:
         """The physics of a virtual rig, such as ", moved by MuJoCo 4.0.0"; empty for a real rig and in older
         logs."""
         return "".join(f", {message}" for _, part, message in self.log.statuses if part == "virtual rig")
@@ -89,23 +127,23 @@ class LoggedRun(RecordedRun):
     @property
     def ending(self) -> str:
         """How the run ended, according to its log."""
-        said = [message for _, part, message in self.log.statuses if part == "player"]
-        return f"its player last said: {said[-1]}" if said else "its player said nothing"
+        messages = [message for _, part, message in self.log.statuses if part == "player"]
+        return f"last message of its player: {messages[-1]}" if messages else "no message of its player"
 
 
 def read_run(path: Path) -> LoggedRun:
     """Reads a log with its design, schedule and rig; raises `InputError` where one of them is missing."""
     log = read_log(path)
-    design = _attached(log, "design.json", Design.from_json)
-    schedule = _attached(log, "schedule.json", ActuationSchedule.from_json)
-    return LoggedRun(design, schedule, _attached(log, "rig.yaml", Rig.from_json), log)
+    design = _require_attachment(log, "design.json", Design.from_json)
+    schedule = _require_attachment(log, "schedule.json", ActuationSchedule.from_json)
+    return LoggedRun(design, schedule, _require_attachment(log, "rig.yaml", Rig.from_json), log)
 
 
 def open_run(path: Path, design: Design) -> LoggedRun:
     """Reads a log as `read_run` does; raises `InputError` where it is of another design."""
     run = read_run(path)
     recorded = run.design
-    if not _is_of(recorded, design):
+    if not _is_variant_of(recorded, design):
         raise InputError(
             f"{path} was recorded with another design",
             code="log.other-design",
@@ -117,25 +155,27 @@ def open_run(path: Path, design: Design) -> LoggedRun:
 
 def open_runs(paths: Sequence[Path], design: Design) -> list[LoggedRun]:
     """Reads logs as `open_run` does; raises `InputError`, before it reads any, where one is there twice."""
-    named: dict[str, Path] = {}
+    paths_by_digest: dict[str, Path] = {}
     for path in paths:
         try:
-            print_ = fingerprint(log_in(path))
+            digest = fingerprint(find_log(path))
         except OSError:
             continue  # `open_run` says why
-        if print_ in named:
-            same = path == named[print_]
+        if digest in paths_by_digest:
+            same = path == paths_by_digest[digest]
             raise InputError(
-                f"{path} is named twice" if same else f"{path} holds the same film as {named[print_]}",
+                f"{path} is named twice"
+                if same
+                else f"{path} holds the same film as {paths_by_digest[digest]}",
                 code="log.named-twice",
                 expected="logs of different runs",
                 remedy="name each log once",
             )
-        named[print_] = path
+        paths_by_digest[digest] = path
     return [open_run(path, design) for path in paths]
 
 
-def _is_of(recorded: Design, design: Design) -> bool:
+def _is_variant_of(recorded: Design, design: Design) -> bool:
     """Whether a log's robot is the design, or the design without a motor or with ballast."""
     if recorded == design:
         return True
@@ -150,7 +190,7 @@ def _is_of(recorded: Design, design: Design) -> bool:
     return same_body and np.array_equal(recorded.genotype.springs, springs)
 
 
-def _attached(log: RunLog, name: str, build: Callable[[Any], T]) -> T:
+def _require_attachment(log: RunLog, name: str, build: Callable[[Any], T]) -> T:
     found = read_attachment(log.attachments, log.path, name, build)
     if found is None:
         raise InputError(

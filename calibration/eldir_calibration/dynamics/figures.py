@@ -7,14 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from eldir.built.scene import BuiltScene
+from eldir.built.scene import PrintedScene
 from eldir_calibration.dynamics.identifiability import Experiment, RangeAttribution
 
-_NOTHING = 0.05  # changes that print as zero [mm]
+_ZERO_CHANGE = 0.05  # changes that print as zero [mm]
 _BEFORE, _AFTER, _CAMERA = "#E69F00", "#0072B2", "#000000"
 
 
-def intervals(scene: BuiltScene) -> Figure:
+def draw_intervals(scene: PrintedScene) -> Figure:
     """Every quantity over its nominal value, with its 95 % interval; open circles were not identified."""
     listed = {n: q for n, q in scene.identification.quantities.items() if n != "transition"}
     figure = Figure(figsize=(7.0, 0.28 * len(listed) + 0.9), layout="constrained")
@@ -33,7 +33,7 @@ def intervals(scene: BuiltScene) -> Figure:
         axes.text(
             -0.01,
             row,
-            _words(name),
+            _to_words(name),
             ha="right",
             va="center",
             fontsize=8,
@@ -54,15 +54,15 @@ def intervals(scene: BuiltScene) -> Figure:
     return figure
 
 
-def explained(found: RangeAttribution) -> Figure:
+def draw_attribution(found: RangeAttribution) -> Figure:
     """Change of the vertical range of motion by parameter: per standard deviation of its prior, and from
     nominal to identified."""
     figure = Figure(figsize=(8.0, 0.3 * len(found.parameters) + 1.9), layout="constrained")
     rest = found.change - found.shares.sum(axis=0)
-    rows = (*(_words(name) for name in found.parameters), "not linear", "all")
+    rows = (*(_to_words(name) for name in found.parameters), "not linear", "all")
     unknown = np.full((2, len(found.marks)), np.nan)  # so that a parameter has one row in both tables
     tables = (
-        ("per standard deviation of the prior (mm)", np.vstack([found.slopes, unknown])),
+        ("per standard deviation of the prior (mm)", np.vstack([found.sensitivities, unknown])),
         ("from nominal to identified (mm)", np.vstack([found.shares, rest, found.change])),
     )
     for axes, (title, values) in zip(figure.subplots(1, 2, sharey=True), tables, strict=True):
@@ -70,32 +70,32 @@ def explained(found: RangeAttribution) -> Figure:
         axes.imshow(1e3 * values, cmap="PuOr", vmin=-limit, vmax=limit, aspect="auto")
         for (i, j), value in np.ndenumerate(1e3 * values):
             axes.text(
-                j, i, _millimetres(value), ha="center", va="center", fontsize=7,
+                j, i, _format_millimetres(value), ha="center", va="center", fontsize=7,
                 color="white" if abs(value) > 0.6 * limit else "black",
             )  # fmt: skip
         axes.set_yticks(range(len(rows)), rows, fontsize=8)
         axes.set_xticks(range(len(found.marks)), found.marks, fontsize=8)
         axes.set_title(title, fontsize=9)
     figure.suptitle(
-        "Change of the vertical range of motion of each mark, by parameter\n"
+        "Change of the vertical range of motion of each marker, by parameter\n"
         "violet: more, orange: less; each side has its own scale of colours",
         fontsize=9,
     )
     return figure
 
 
-def _millimetres(value: float) -> str:
-    """A change, or nothing where there is none to tell."""
+def _format_millimetres(value: float) -> str:
+    """A change in millimetres; empty if unknown."""
     if np.isnan(value):
         return ""
-    return "0" if abs(value) < _NOTHING else f"{value:+.1f}"
+    return "0" if abs(value) < _ZERO_CHANGE else f"{value:+.1f}"
 
 
-def _words(name: str) -> str:
+def _to_words(name: str) -> str:
     return name.replace("_", " ")
 
 
-def next_films(found: Sequence[Experiment]) -> Figure:
+def draw_experiments(found: Sequence[Experiment]) -> Figure:
     """Expected information of a film of each gait."""
     figure = Figure(figsize=(6.0, 0.3 * len(found) + 0.9), layout="constrained")
     axes = figure.subplots()
@@ -110,7 +110,7 @@ def next_films(found: Sequence[Experiment]) -> Figure:
     return figure
 
 
-def held_out(scene: BuiltScene, marks: Sequence[str]) -> Figure:
+def draw_held_out(scene: PrintedScene, marks: Sequence[str]) -> Figure:
     """Vertical ranges in the held-out cycle, which the fit never saw."""
     figure = Figure(figsize=(6.0, 3.0), layout="constrained")
     axes = figure.subplots()

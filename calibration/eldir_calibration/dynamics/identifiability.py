@@ -8,17 +8,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from eldir.built.gait import SETTLE, Gait
-from eldir.built.scene import BuiltScene, ExplainedRanges, NextFilm
+from eldir.built.scene import ExplainedRanges, NextFilm, PrintedScene
 from eldir.core.records import FloatArray, Record
 from eldir.parameters.robot import RobotParameters
 from eldir.parameters.uncertain import is_unobservable
 from eldir.trajectory import Trajectory
-from eldir_calibration.dynamics.least_squares.linearisation import linearise
-from eldir_calibration.dynamics.least_squares.residuals import residual
-from eldir_calibration.dynamics.recording import INTERVAL, FilmedBody, Recording, predict_marks
-from eldir_calibration.dynamics.settings import DEFAULT_SETTINGS, IdentificationSettings
+from eldir_calibration.dynamics._problem import linearise
+from eldir_calibration.dynamics._residuals import compute_residual
+from eldir_calibration.dynamics.configuration import DEFAULT_CONFIG, IdentificationConfig
+from eldir_calibration.dynamics.recording import INTERVAL, FilmedBody, Recording, predict_markers
 
-_TOGETHER = 16  # robots that are simulated between two words of progress, side by side
+_BATCH_SIZE = 16  # robots that are simulated side by side between two reports of progress
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,13 +27,13 @@ class RangeAttribution(Record):
 
     parameters: tuple[str, ...]
     marks: tuple[str, ...]
-    slopes: FloatArray
-    """Change of a mark's range per standard deviation of the parameter's prior [m], shape (P, marks)."""
+    sensitivities: FloatArray
+    """Change of a marker's range per standard deviation of the parameter's prior [m], shape (P, markers)."""
     shares: FloatArray
     """Part of the change from the nominal to the identified robot that each parameter explains [m], shape
-    (P, marks)."""
+    (P, markers)."""
     change: FloatArray
-    """The whole change, which is not quite the sum of the shares [m], shape (marks,)."""
+    """The whole change, which is not quite the sum of the shares [m], shape (markers,)."""
 
     @property
     def numbers(self) -> ExplainedRanges:
@@ -43,7 +43,7 @@ class RangeAttribution(Record):
             return {m: round(float(v), 7) for m, v in zip(self.marks, values, strict=True)}
 
         return ExplainedRanges(
-            {n: named(v) for n, v in zip(self.parameters, self.slopes, strict=True)},
+            {n: named(v) for n, v in zip(self.parameters, self.sensitivities, strict=True)},
             {n: named(v) for n, v in zip(self.parameters, self.shares, strict=True)}
             | {"all": named(self.change)},
         )
@@ -53,8 +53,8 @@ def attribute_ranges(
     body: FilmedBody,
     recording: Recording,
     nominal: RobotParameters,
-    scene: BuiltScene,
-    settings: IdentificationSettings = DEFAULT_SETTINGS,
+    scene: PrintedScene,
+    config: IdentificationConfig = DEFAULT_CONFIG,
     progress: Callable[[float], None] = lambda part: None,
 ) -> RangeAttribution:
     """Vertical ranges of the nominal and the identified robot: slopes at both, and each parameter's share of
@@ -63,25 +63,25 @@ def attribute_ranges(
     names = scene.parameters
     z = scene.z
     places = [np.zeros(len(z)), z]
-    step = settings.attribution_step
+    step = config.attribution_step
     moving = [i for i, name in enumerate(names) if not is_unobservable(name)]
     steps = [s * step * unit for unit in np.eye(len(z))[moving] for s in (1, -1)]
     tried = [nominal.at(names, p) for place in places for p in [place, *(place + s for s in steps)]]
     parts = []
-    for first in range(0, len(tried), _TOGETHER):
+    for first in range(0, len(tried), _BATCH_SIZE):
         progress(first / len(tried))
-        parts += predict_marks(body, [recording], tried[first : first + _TOGETHER])
+        parts += predict_markers(body, [recording], tried[first : first + _BATCH_SIZE])
     motions = np.concatenate(parts)
     t = recording.tracked.times
     last = (t >= recording.end - recording.period) & (t <= recording.end)
-    ranges = np.ptp(motions[..., 1][:, last], axis=1).reshape(2, -1, len(body.marks))
-    slopes = np.zeros((2, len(names), len(body.marks)))
-    slopes[:, moving] = np.nan_to_num((ranges[:, 1::2] - ranges[:, 2::2]) / (2 * step))
+    ranges = np.ptp(motions[..., 1][:, last], axis=1).reshape(2, -1, len(body.marker_masses))
+    sensitivities = np.zeros((2, len(names), len(body.marker_masses)))
+    sensitivities[:, moving] = np.nan_to_num((ranges[:, 1::2] - ranges[:, 2::2]) / (2 * step))
     return RangeAttribution(
         names,
         recording.tracked.names,
-        slopes[1],
-        slopes.mean(axis=0) * z[:, None],
+        sensitivities[1],
+        sensitivities.mean(axis=0) * z[:, None],
         ranges[1, 0] - ranges[0, 0],
     )
 
@@ -94,7 +94,7 @@ class Experiment:
     information: float
     """Expected information [bit]: half the binary logarithm of the factor by which the film would shrink the
     determinant of the covariance."""
-    spread_left: dict[str, float]
+    remaining_spread: dict[str, float]
     """Standard deviation of each parameter after that film, as a part of its prior's."""
 
     @property
@@ -103,16 +103,16 @@ class Experiment:
         return NextFilm(
             tuple(round(float(p), 6) for p in self.gait.phase),
             round(self.information, 3),
-            {n: round(d, 4) for n, d in self.spread_left.items()},
+            {n: round(d, 4) for n, d in self.remaining_spread.items()},
         )
 
 
 def rank_experiments(
     body: FilmedBody,
-    scene: BuiltScene,
+    scene: PrintedScene,
     gaits: Sequence[Gait],
     cycles: int = 1,
-    settings: IdentificationSettings = DEFAULT_SETTINGS,
+    config: IdentificationConfig = DEFAULT_CONFIG,
     progress: Callable[[float], None] = lambda part: None,
 ) -> list[Experiment]:
     """The expected information of a film of each gait, the most informative first.
@@ -127,13 +127,13 @@ def rank_experiments(
     prior = np.linalg.pinv(scene.covariance, hermitian=True)
     robot = scene.robot.uniform
     robot = replace(robot, printed=robot.printed.with_pins())
-    once = replace(settings, repeats=0)  # the chance of landings does not enter
+    once = replace(config, jitter_robots=0)  # divergence does not enter
     for i, gait in enumerate(gaits):
         progress(i / len(gaits))
-        film = _blank(body, gait, cycles, settings.film_rate)
-        widths = np.full(len(zero), settings.attribution_step)
+        film = _blank_recording(body, gait, cycles, config.film_rate)
+        widths = np.full(len(zero), config.attribution_step)
         linear = linearise(body, [film], robot, scene.parameters, zero, widths, once)
-        rows = residual(film, linear.slopes[0]).scaled(*noise)
+        rows = compute_residual(film, linear.tangents[0]).scale(*noise)
         after = np.linalg.inv(prior + rows @ rows.T)
         gain = 0.5 * (np.linalg.slogdet(prior + rows @ rows.T)[1] - np.linalg.slogdet(prior)[1]) / np.log(2)
         left = dict(zip(scene.parameters, np.sqrt(np.diag(after)).tolist(), strict=True))
@@ -141,11 +141,11 @@ def rank_experiments(
     return sorted(found, key=lambda e: -e.information)
 
 
-def _blank(body: FilmedBody, gait: Gait, cycles: int, rate: float) -> Recording:
-    """A recording without motion, in which every mark is seen in all frames."""
+def _blank_recording(body: FilmedBody, gait: Gait, cycles: int, rate: float) -> Recording:
+    """A recording without motion, in which every marker is seen in all frames."""
     starts = np.arange(round((SETTLE + gait.period * (1 + cycles)) / INTERVAL)) * INTERVAL
     times = np.arange(0, len(starts) * INTERVAL, 1 / rate)
-    names = tuple(f"m{i + 1}" for i in range(len(body.marks)))
+    names = tuple(f"m{i + 1}" for i in range(len(body.marker_masses)))
     nothing = Trajectory(names, times, np.zeros((len(times), len(names), 2)))
-    on = gait.on(starts - SETTLE + 1e-9).astype(float)
+    on = gait.is_heating(starts - SETTLE + 1e-9).astype(float)
     return Recording(nothing, on, SETTLE + gait.period, gait.period, cycles)

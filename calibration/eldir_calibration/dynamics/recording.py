@@ -1,37 +1,42 @@
-"""One filmed run as identification takes it: the tracked marks, when each motor was heated, and whether the
-robot stayed upright."""
+"""Data of an identification: filmed runs, readings of scales and meters, and the requirements on them."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from eldir.built.heat import SpringState, heat
-from eldir.built.motion import BuiltMotion, drive
+from eldir.built.motion import PrintedMotion, drive
 from eldir.built.robot import build
-from eldir.built.walking import TOPPLED
+from eldir.built.walking import TOPPLED_ANGLE
 from eldir.core.records import FloatArray, IntArray, Record
+from eldir.errors import InputError
 from eldir.morphology import Morphology
 from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
 from eldir.trajectory import Trajectory
+from eldir_calibration.dynamics.configuration import DEFAULT_CONFIG, IdentificationConfig
 
+Progress = Callable[[str, float], None]
+"""Called with the present step and the fraction of it that is done, 0 to 1."""
 INTERVAL = 0.05
 """Time between the instants at which free lengths are given [s]."""
-_LAY = 30  # intervals for which a robot has lain there, its cold springs pulling, before the film begins
-_LEAST_MARKS = 3  # marks that determine the rotation of the body; two do not
-_LONG_LYING = 1.0  # a robot turned for this time in all lies; less may be a mistaken mark [s]
+_REST_INTERVALS = (
+    30  # intervals for which a robot has lain there, its cold springs pulling, before the film begins
+)
+_MIN_MARKERS = 3  # markers that determine the rotation of the body; two do not
+_MIN_LYING_TIME = 1.0  # a robot turned for this time in all lies; less may be a mistaken marker [s]
 
 
 @dataclass(frozen=True, eq=False)
 class FilmedBody(Record):
-    """The robot that was filmed: its body, and which masses carry marks."""
+    """The robot that was filmed: its body, and which masses carry markers."""
 
     morphology: Morphology
-    marks: IntArray
-    """Mass indices of the marks, shape (K,)."""
+    marker_masses: IntArray
+    """Mass indices of the markers, shape (K,)."""
     ballast: FloatArray | float = 0.0
     """Ballast on this plane, as `eldir.built.robot.build` takes it [kg]."""
 
@@ -41,22 +46,22 @@ class Recording(Record):
     """One run of a robot, from rest and cold."""
 
     tracked: Trajectory
-    """The marks; NaN where they were not seen."""
-    on: FloatArray
-    """Fraction of each interval in which each motor's contact was closed, shape (steps, A)."""
+    """The markers; NaN where they were not visible."""
+    contact_shares: FloatArray
+    """Share of each interval in which each motor's contacts were closed, shape (steps, A)."""
     start: float
     """When the first cycle that counts begins [s]."""
     period: float
     """Duration of a cycle [s]."""
     cycles: int
 
-    def until(self, end: float) -> Recording:
+    def truncate(self, end: float) -> Recording:
         """The part of the recording before `end` [s]."""
         t = self.tracked.times
         kept = t <= end + 1e-9
         return Recording(
             Trajectory(self.tracked.names, t[kept], self.tracked.positions[kept]),
-            self.on[: int(np.ceil(end / INTERVAL - 1e-9)) + 1],
+            self.contact_shares[: int(np.ceil(end / INTERVAL - 1e-9)) + 1],
             self.start,
             self.period,
             max(0, int((end - self.start) / self.period + 1e-6)),
@@ -68,63 +73,167 @@ class Recording(Record):
         return self.start + self.period * self.cycles
 
     @property
-    def within(self) -> FloatArray:
-        """Instants of the frames that the model can be asked about [s]."""
-        return np.clip(self.tracked.times, 0.0, len(self.on) * INTERVAL)
+    def frame_times(self) -> FloatArray:
+        """Times of the frames, within the simulated time [s]."""
+        return np.clip(self.tracked.times, 0.0, len(self.contact_shares) * INTERVAL)
 
 
-def predict_marks(
+def predict_markers(
     body: FilmedBody, recordings: Sequence[Recording], robots: Sequence[RobotParameters]
 ) -> list[FloatArray]:
-    """Motions of the marks of different robots of one body under each recording's heating, at its frames.
+    """Motions of the markers of different robots of one body under each recording's heating, at its frames.
 
-    One array (robots, frames, marks, 2) [m] for each recording; NaN from where a robot blew up. All
+    One array (robots, frames, markers, 2) [m] for each recording; NaN from where a robot blew up. All
     run side by side in the engine's vector lanes.
     """
     built = [build(body.morphology, robot, ballast=body.ballast) for robot in robots]
-    springs = [robot.springs_of(body.morphology.motors) for robot in robots]
+    springs = [robot.motor_springs(body.morphology.motors) for robot in robots]
     free = [robot.free_lengths for robot in robots]
-    tables = [table for r in recordings for table in _lengths(r.on, springs)]
+    tables = [table for r in recordings for table in _free_lengths(r.contact_shares, springs)]
     runs = len(recordings)
     motions = drive(built * runs, tables, INTERVAL, free=free * runs)
     return [
-        np.stack([_at(m, body.marks, r.within) for m in motions[k * len(robots) : (k + 1) * len(robots)]])
+        np.stack(
+            [
+                _interpolate_markers(m, body.marker_masses, r.frame_times)
+                for m in motions[k * len(robots) : (k + 1) * len(robots)]
+            ]
+        )
         for k, r in enumerate(recordings)
     ]
 
 
-def _at(motion: BuiltMotion, marks: IntArray, times: FloatArray) -> FloatArray:
-    """Marks of a motion at some instants, linear between those kept, shape (frames, marks, 2)."""
-    x = motion.positions[_LAY:, marks]
+def _interpolate_markers(motion: PrintedMotion, marks: IntArray, times: FloatArray) -> FloatArray:
+    """Marks of a motion at some instants, linear between those kept, shape (frames, markers, 2)."""
+    x = motion.positions[_REST_INTERVALS:, marks]
     before = np.minimum((times / INTERVAL).astype(int), len(x) - 2)
     part = (times / INTERVAL - before)[:, None, None]
     return x[before] * (1 - part) + x[before + 1] * part
 
 
-def _lengths(on: FloatArray, springs: Sequence[Sequence[SpringParameters]]) -> list[FloatArray]:
+def _free_lengths(on: FloatArray, springs: Sequence[Sequence[SpringParameters]]) -> list[FloatArray]:
     """Free lengths for `drive` of every robot, from the springs of its motors, all heated together."""
     motors = on.shape[1]
     each = [s for own in springs for s in own]
     state = SpringState(np.array([s.ambient for s in each]), np.ones(len(each)))
     history = heat(np.tile(on, (1, len(springs))), INTERVAL, each, state)
-    cold = np.tile([s.cold_length for s in each], (_LAY + 1, 1))
+    cold = np.tile([s.cold_length for s in each], (_REST_INTERVALS + 1, 1))
     table = np.concatenate([cold, history.length])
     return [table[:, i * motors : (i + 1) * motors] for i in range(len(springs))]
 
 
-def stayed_upright(rest: FloatArray, tracked: Trajectory) -> bool:
-    """Whether marks that at `rest` (K, 2) [m] lie there were never turned as by a fall.
+def stays_upright(rest: FloatArray, tracked: Trajectory) -> bool:
+    """Whether markers that at `rest` (K, 2) [m] lie there were never turned as by a fall.
 
-    The rotation is the one of `eldir.built.walking.rotation`, of the marks that are seen.
+    The rotation is the one of `eldir.built.walking.rotation`, of the markers that are seen.
     """
     seen = np.isfinite(tracked.positions[..., 0])
-    enough = seen.sum(axis=1) >= _LEAST_MARKS
+    enough = seen.sum(axis=1) >= _MIN_MARKERS
     there = seen[enough][..., None]
-    now = np.where(there, tracked.positions[enough], 0.0)
-    drawn = np.where(there, rest, 0.0)
+    current = np.where(there, tracked.positions[enough], 0.0)
+    at_rest = np.where(there, rest, 0.0)
     number = there.sum(axis=1, keepdims=True)
-    a, b = (there * (x - x.sum(axis=1, keepdims=True) / number) for x in (drawn, now))
+    a, b = (there * (x - x.sum(axis=1, keepdims=True) / number) for x in (at_rest, current))
     cross = (a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]).sum(axis=1)
-    turned = np.abs(np.arctan2(cross, (a * b).sum(axis=(1, 2))))
+    rotations = np.abs(np.arctan2(cross, (a * b).sum(axis=(1, 2))))
     step = np.diff(tracked.times, append=tracked.times[-1:])[enough]
-    return bool(step[turned > TOPPLED].sum() <= _LONG_LYING)
+    return bool(step[rotations > TOPPLED_ANGLE].sum() <= _MIN_LYING_TIME)
+
+
+@dataclass(frozen=True)
+class Measurements:
+    """Readings; None for a quantity that was not measured."""
+
+    weight: float | None = None
+    """Mass of one plane of the robot [kg]."""
+    current: float | None = None
+    """Current through one hot spring while no other is heated [A]; if springs differ, their mean."""
+    voltage: float | None = None
+    """Voltage across that spring, without its leads [V]."""
+    error: float | None = None
+    """Standard deviation of current and voltage, relative; None: that of a good meter."""
+
+    def residuals(
+        self,
+        body: FilmedBody,
+        robot: RobotParameters,
+        config: IdentificationConfig = DEFAULT_CONFIG,
+    ) -> FloatArray:
+        """How far a robot is from the readings, in their standard deviations, shape (readings,)."""
+        found = []
+        error = config.meter_error if self.error is None else self.error
+        if self.weight is not None:
+            masses = build(body.morphology, robot, ballast=body.ballast).masses
+            found.append(np.log(masses.sum() / self.weight) / config.weight_error)
+        hot = robot.springs
+        if self.current is not None:
+            found.append(np.log(hot.current(0.0) / self.current) / error)
+        if self.voltage is not None:
+            across = hot.current(0.0) * hot.resistance_at(0.0)
+            found.append(np.log(across / self.voltage) / error)
+        return np.array(found)
+
+
+NOT_MEASURED = Measurements()
+"""No measurements: nobody weighed the robot or read a meter."""
+
+
+def require_informative(
+    recordings: Sequence[Recording], config: IdentificationConfig = DEFAULT_CONFIG
+) -> None:
+    """Raise `InputError` for too few cycles or markers, cold motors, and a robot that does not move."""
+    if not recordings or min(r.cycles for r in recordings) < config.min_cycles:
+        raise InputError(
+            "too few cycles to identify from",
+            code="dynamics.too-few-cycles",
+            expected=f"{config.min_cycles} or more, of which the last is held out",
+            found=str(min((r.cycles for r in recordings), default=0)),
+        )
+    for r in recordings:
+        inside = (r.tracked.times >= r.start) & (r.tracked.times <= r.end)
+        x = r.tracked.positions[inside]
+        share = np.isfinite(x[..., 0]).mean(axis=0) if len(x) else np.zeros(x.shape[1])
+        seen = [name for name, s in zip(r.tracked.names, share, strict=True) if s >= config.min_visible_share]
+        if len(seen) < config.min_markers:
+            raise InputError(
+                "too few markers to identify from",
+                code="dynamics.too-few-marks",
+                expected=f"{config.min_markers} or more, visible in {config.min_visible_share:.0%} of the "
+                "frames",
+                found=", ".join(seen) or "none",
+                remedy="light the markers, or remove what hides them",
+            )
+        if not (r.contact_shares > 0).any():
+            raise InputError(
+                "no motor was ever heated",
+                code="dynamics.never-heated",
+                remedy="check the log's relay states",
+            )
+        heights = x[:, share >= config.min_visible_share, 1]
+        moved = float((np.nanmax(heights, axis=0) - np.nanmin(heights, axis=0)).max())
+        if moved < config.min_motion:
+            raise InputError(
+                "the robot hardly moves, so its log says nothing about its parameters",
+                code="dynamics.hardly-moves",
+                expected=f"a marker that rises and falls by {config.min_motion * 1e3:.0f} mm",
+                found=f"{moved * 1e3:.1f} mm",
+                remedy="check supply and springs, or try another gait",
+            )
+
+
+def require_explained(
+    recordings: Sequence[Recording], left: float, config: IdentificationConfig = DEFAULT_CONFIG
+) -> None:
+    """Raise `InputError` for a fit that leaves too much of the motion, root mean square `left` [m]: it was
+    another robot."""
+    spread = [np.nanstd(r.tracked.positions[..., 1], axis=0) for r in recordings]
+    moved = float(np.sqrt(np.nanmean(np.concatenate(spread) ** 2)))
+    allowed = config.max_unexplained_share * moved
+    if left > allowed:
+        raise InputError(
+            "no robot of this design moves like the one that was filmed",
+            code="dynamics.unexplained",
+            expected=f"at most {allowed * 1e3:.1f} mm unexplained",
+            found=f"{left * 1e3:.1f} mm",
+            remedy="check the design file, the order of the markers and the wiring",
+        )

@@ -14,8 +14,8 @@ import numpy as np
 
 from eldir.built.scene import HeldOutNumbers, Identification, IdentifiedModel, ModelNumbers
 from eldir.core.records import FloatArray
-from eldir_calibration.dynamics.model_check import ModelCheck
-from eldir_calibration.dynamics.settings import DEFAULT_SETTINGS, IdentificationSettings
+from eldir_calibration.dynamics._model_check import ModelCheck
+from eldir_calibration.dynamics.configuration import DEFAULT_CONFIG, IdentificationConfig
 
 
 class FitVerdict(Enum):
@@ -43,22 +43,22 @@ class FitVerdict(Enum):
         """Whether its values are measurements, with the intervals of the fit."""
         return self in (FitVerdict.FITS, FitVerdict.NEARLY_RIGHT)
 
-    def widening(self, settings: IdentificationSettings = DEFAULT_SETTINGS) -> float:
+    def widening(self, config: IdentificationConfig = DEFAULT_CONFIG) -> float:
         """Factor by which the intervals of a model that predicts are wider than the fit's."""
-        return 1.0 if self is FitVerdict.FITS else settings.widening
+        return 1.0 if self is FitVerdict.FITS else config.widening
 
 
 @dataclass(frozen=True)
 class Evidence:
     """Evidence about a candidate model; the verdict depends on nothing else."""
 
-    decided: bool
+    is_decidable: bool
     """Whether enough frames are left to judge."""
     within_noise: bool
-    """Whether its residuals in the fitted films are only noise and chance."""
+    """Whether its residuals in the fitted films are only noise and divergence."""
     tolerable: bool
     """Whether its residuals in the fitted films and in the held-out cycle are small enough."""
-    supposed: bool
+    assumed: bool
     """Whether this is the joint model that was assumed, not one that the film chose."""
     at_edge: tuple[str, ...]
     """Parameters at the edge of their range: they stand in for something that the model lacks."""
@@ -70,21 +70,21 @@ class Evidence:
         held_out: ModelCheck,
         *,
         parts: bool,
-        supposed: bool,
+        assumed: bool,
         reproducible: bool,
         at_edge: Sequence[str],
-        settings: IdentificationSettings = DEFAULT_SETTINGS,
+        config: IdentificationConfig = DEFAULT_CONFIG,
     ) -> Evidence:
         """Evidence from the checks of the fitted films and of the held-out cycle.
 
         The held-out cycle counts only if slightly perturbed robots agree (`reproducible`). `parts`: every
         part has parameters of its own.
         """
-        allowed = tolerated(shown, settings) if parts else shown.limit
+        allowed = max_tolerated_residual(shown, config) if parts else shown.limit
         tolerable = shown.unexplained <= allowed and (
-            not reproducible or held_out.unexplained <= settings.held_out_factor * allowed
+            not reproducible or held_out.unexplained <= config.held_out_factor * allowed
         )
-        return cls(shown.decided, shown.unexplained <= shown.limit, tolerable, supposed, tuple(at_edge))
+        return cls(shown.is_decidable, shown.unexplained <= shown.limit, tolerable, assumed, tuple(at_edge))
 
     @classmethod
     def from_numbers(cls, model: ModelNumbers) -> Evidence:
@@ -96,7 +96,7 @@ class Evidence:
     @property
     def predicts(self) -> bool:
         """Whether it can be judged and its residuals are small enough."""
-        return self.decided and self.tolerable
+        return self.is_decidable and self.tolerable
 
     @property
     def verdict(self) -> FitVerdict:
@@ -105,50 +105,50 @@ class Evidence:
 
 
 @dataclass(frozen=True)
-class Row:
+class VerdictRow:
     """One line of the table."""
 
     condition: str
-    """The condition in words."""
+    """Description of the condition."""
     holds: Callable[[Evidence], bool]
     verdict: FitVerdict
     sentence: str
     """Message for the user, with the numbers of `_facts`; empty if there is none."""
 
 
-VERDICTS: tuple[Row, ...] = (
-    Row("always", lambda e: True, FitVerdict.FITS, ""),
-    Row(
+VERDICTS: tuple[VerdictRow, ...] = (
+    VerdictRow("always", lambda e: True, FitVerdict.FITS, ""),
+    VerdictRow(
         "predicts, no parameter at its edge, but leaves more than noise",
         lambda e: e.predicts and not e.at_edge and not e.within_noise,
         FitVerdict.NEARLY_RIGHT,
         "the model is nearly right: noise does not explain {unexplained} mm, {share} of the motion, so "
         "intervals are {widening} times as wide",
     ),
-    Row(
+    VerdictRow(
         "predicts, no parameter at its edge, but the film chose the joint model",
-        lambda e: e.predicts and not e.at_edge and not e.supposed,
+        lambda e: e.predicts and not e.at_edge and not e.assumed,
         FitVerdict.CHOSEN_BY_FILM,
         "the film chose {strips}, so no value counts as known: look at the robot's joints, and "
         "measure the spring lengths by hand",
     ),
-    Row(
+    VerdictRow(
         "a parameter at its edge",
         lambda e: bool(e.at_edge),
         FitVerdict.AT_EDGE,
         "{at_edge} reached the edge of the allowed range and probably stands in for something that the model "
         "lacks: no value counts as known",
     ),
-    Row(
+    VerdictRow(
         "too few frames left",
-        lambda e: not e.decided,
+        lambda e: not e.is_decidable,
         FitVerdict.UNDECIDED,
         "too few frames are left to judge whether the model fits, so no value counts as known: film a gait "
         "in which the robot does not fall",
     ),
-    Row(
+    VerdictRow(
         "enough frames left, but leaves too much",
-        lambda e: e.decided and not e.tolerable,
+        lambda e: e.is_decidable and not e.tolerable,
         FitVerdict.WRONG,
         "the model does not fit: noise does not explain {unexplained} mm (at most {limit} mm expected), most "
         "in {worst}; no value counts as known, so measure the spring lengths by hand",
@@ -160,95 +160,97 @@ _JOINTS = {"pinned": "pinned strips", "clamped": "clamped strips", "hubs": "hubs
 
 
 def within_noise(check: ModelCheck) -> bool:
-    """Whether a prediction can be judged and its residuals are only noise and chance."""
-    return check.decided and check.unexplained <= check.limit
+    """Whether a prediction can be judged and its residuals are only noise and divergence."""
+    return check.is_decidable and check.unexplained <= check.limit
 
 
-def tolerated(check: ModelCheck, settings: IdentificationSettings = DEFAULT_SETTINGS) -> float:
+def max_tolerated_residual(check: ModelCheck, config: IdentificationConfig = DEFAULT_CONFIG) -> float:
     """Tolerated residual of a model with parameters for every part [m]."""
-    return max(check.limit, settings.parts_share * check.motion)
+    return max(check.limit, config.part_tolerance * check.motion)
 
 
-def at_edge(
-    names: Sequence[str], z: FloatArray, settings: IdentificationSettings = DEFAULT_SETTINGS
+def parameters_at_edge(
+    names: Sequence[str], z: FloatArray, config: IdentificationConfig = DEFAULT_CONFIG
 ) -> list[str]:
     """Parameters as far from nominal as a fit may move them."""
-    far = np.abs(z) > settings.edge_share * settings.z_limit
+    far = np.abs(z) > config.edge_share * config.z_limit
     return [name for name, edge in zip(names, far, strict=True) if edge]
 
 
-def is_known(
-    verdict: FitVerdict, of_prior: float, settings: IdentificationSettings = DEFAULT_SETTINGS
+def is_identified(
+    verdict: FitVerdict, of_prior: float, config: IdentificationConfig = DEFAULT_CONFIG
 ) -> bool:
     """Whether a quantity was identified; `of_prior`: its standard deviation as a part of its prior's."""
-    return verdict.values_known and of_prior < settings.known_share
+    return verdict.values_known and of_prior < config.max_known_spread
 
 
-def sentences(model: IdentifiedModel, settings: IdentificationSettings = DEFAULT_SETTINGS) -> list[str]:
+def describe_model(model: IdentifiedModel, config: IdentificationConfig = DEFAULT_CONFIG) -> list[str]:
     """Messages about `model` in a built scene's results: which joint model was taken, what was left out, and
     whether the model fits."""
-    said, (first, *more) = [], model.tried
+    sentences, (first, *more) = [], model.tried
     if more:
         extra = ", each strip and spring with its own parameters" if model.parts else ""
-        said.append(
+        sentences.append(
             f"model: {_JOINTS[model.strips]}{extra}; error in the held-out cycle "
             f"{1e3 * model.held_out_left_m:.2f} mm, with {_JOINTS[first.strips]} and equal parts "
             f"{1e3 * first.held_out_left_m:.2f} mm"
         )
     gaps = enumerate(model.left_out_s, start=1)
-    left_out = [f"{t:.0f} s of film {i}" for i, t in gaps if t > settings.reported_gap]
+    left_out = [f"{t:.0f} s of film {i}" for i, t in gaps if t > config.min_reported_gap]
     if left_out:
-        said.append(
-            f"left out: {' and '.join(left_out)}, because chance in landings decides the motion there"
+        sentences.append(
+            f"left out: {' and '.join(left_out)}, because slightly perturbed simulations diverge there"
         )
-    evidence, facts = Evidence.from_numbers(model), _facts(model, settings)
-    return said + [row.sentence.format(**facts) for row in VERDICTS if row.sentence and row.holds(evidence)]
+    evidence, facts = Evidence.from_numbers(model), _sentence_values(model, config)
+    return sentences + [
+        row.sentence.format(**facts) for row in VERDICTS if row.sentence and row.holds(evidence)
+    ]
 
 
-def doubtful(held_out: HeldOutNumbers, settings: IdentificationSettings = DEFAULT_SETTINGS) -> list[str]:
-    """What is predicted badly, in words, from `held_out_cycle` in a built scene's results: already in the
-    cycles that were fitted, so that the next ones will be off, too."""
+def describe_doubts(held_out: HeldOutNumbers, config: IdentificationConfig = DEFAULT_CONFIG) -> list[str]:
+    """Descriptions of what is predicted badly, from `held_out_cycle` in a built scene's results: already in
+    the cycles that were fitted, so that the next ones will be off, too."""
     if (fitted := held_out.fitted_cycles) is None:  # of a file of version 0.1.0
         return []
     return [
         words.format(error)
         for error, words, limit in (
-            (fitted.range_error, "the vertical ranges by up to {:.1%}", settings.doubtful_range),
+            (fitted.range_error, "the vertical ranges by up to {:.1%}", config.max_range_error),
             (
                 fitted.walk_error,
                 "the walk by up to {:.2f} body lengths in five cycles",
-                settings.doubtful_walk,
+                config.max_walk_error,
             ),
         )
         if error is not None and error > limit
     ]
 
 
-def predictions(results: Identification, settings: IdentificationSettings = DEFAULT_SETTINGS) -> list[str]:
-    """Messages about predictions, from a built scene's results: where they are doubtful, or hold although the
-    model does not fit."""
-    if far := doubtful(results.held_out_cycle, settings):
-        return [f"predictions are doubtful: in the fitted cycles they miss {' and '.join(far)}"]
+def describe_predictions(results: Identification, config: IdentificationConfig = DEFAULT_CONFIG) -> list[str]:
+    """Messages about predictions, from a built scene's results: whether they are doubtful, or hold although
+    the model does not fit."""
+    if doubts := describe_doubts(results.held_out_cycle, config):
+        return [f"predictions are doubtful: in the fitted cycles they miss {' and '.join(doubts)}"]
     fitted = results.held_out_cycle.fitted_cycles
     if results.model.predicts or fitted is None or None in (fitted.range_error, fitted.walk_error):
         return []
     return [
         "the fitted cycles are predicted all the same, the vertical ranges to "
-        f"{settings.doubtful_range:.0%}, the walk to {settings.doubtful_walk:g} body lengths in five cycles; "
+        f"{config.max_range_error:.0%}, the walk to {config.max_walk_error:g} body lengths in five cycles; "
         "another gait may not be"
     ]
 
 
-def _facts(model: ModelNumbers, settings: IdentificationSettings) -> dict[str, str]:
+def _sentence_values(model: ModelNumbers, config: IdentificationConfig) -> dict[str, str]:
     """The numbers in the sentences of the table."""
     motions = [(v, f"{m} {d}") for m, both in model.marks.items() for d, v in both.items()]
-    worst = sorted(motions, reverse=True)[: settings.named_motions]
+    worst = sorted(motions, reverse=True)[: config.max_named_motions]
     return {
         "unexplained": f"{1e3 * model.unexplained_m:.2f}",
         "limit": f"{1e3 * model.limit_m:.2f}",
         "share": f"{model.unexplained_m / model.motion_m:.1%}" if model.motion_m else "all",
         "strips": _JOINTS[model.strips],
-        "widening": f"{settings.widening:g}",
+        "widening": f"{config.widening:g}",
         "at_edge": ", ".join(model.at_edge),
         "worst": ", ".join(f"{name} {1e3 * v:.2f} mm" for v, name in worst),
     }

@@ -1,4 +1,5 @@
-"""From logs to an identified robot: its marks, its heating, and the provenance of the result."""
+"""From logs to an identified robot: its markers, its heating, its meters, and the provenance of the
+result."""
 
 from __future__ import annotations
 
@@ -9,40 +10,120 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eldir.built.filmed_gait import FilmedGait
-from eldir.built.gait import Gait
-from eldir.built.scene import BuiltScene
+from eldir.built.gait import FilmedGait, Gait
+from eldir.built.scene import PrintedScene
 from eldir.built.screening import candidate_gaits
 from eldir.core.files import new_folder, write_bytes
 from eldir.core.pictures import png
-from eldir.core.records import FloatArray
+from eldir.core.records import BoolArray, FloatArray
 from eldir.core.version import __version__
 from eldir.design import Design
 from eldir.errors import InputError
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
-from eldir_calibration.comparison.motions import filmed
+from eldir_calibration.comparison.motions import track_run
 from eldir_calibration.comparison.recorded_run import LoggedRun, open_runs
 from eldir_calibration.dynamics import figures as dynamics_figures
 from eldir_calibration.dynamics.identifiability import attribute_ranges, rank_experiments
-from eldir_calibration.dynamics.least_squares.starting_points import Progress
-from eldir_calibration.dynamics.measurements import Measurements
-from eldir_calibration.dynamics.recording import INTERVAL, FilmedBody, Recording, stayed_upright
+from eldir_calibration.dynamics.recording import (
+    INTERVAL,
+    FilmedBody,
+    Measurements,
+    Progress,
+    Recording,
+    stays_upright,
+)
 from eldir_calibration.dynamics.results import identify_robot
-from eldir_calibration.identification.meter_readings import MeterReadings, meter_readings
 from eldir_calibration.report.comparison import Motion
-from eldir_hardware.log.reader import RunLog
-from eldir_hardware.planning.compiler import gait_of
+from eldir_hardware.current_sensor import CHIPS
+from eldir_hardware.planning.compiler import extract_gait
 from eldir_hardware.rig.configuration import Rig
-from eldir_hardware.schedule import ActuationSchedule
+
+_HOT_MARGIN = 3.0  # below the austenite finish: at most a tenth is still martensite [K]
+_SETTLING_TIME = 0.5  # a current counts from this time after its contact closed [s]
+_TIME_TOLERANCE = 1e-6  # reports and measurements with times this close belong together [s]
+_UNIFORM_FACTOR = np.sqrt(3.0)  # the largest error by the standard deviation, where all within are as likely
+
+
+class MeterReadings(NamedTuple):
+    """Means over hot springs."""
+
+    current_a: float
+    """[A]."""
+    voltage_v: float
+    """Across a spring, without its leads [V]."""
+    error: float
+    """Standard deviation of both, relative, by the sensor's data sheet and its shunts."""
+    pulses: int
+    """Pulses in which a spring was hot."""
+
+
+def read_meters(runs: Sequence[LoggedRun]) -> MeterReadings | None:
+    """The mean of the springs' means over all runs; None where no current was measured in a hot spring.
+
+    A spring counts as hot from `_HOT_MARGIN` below its austenite finish by the model. On a shared supply it
+    counts only while it heats alone, as the others take from its current.
+    """
+    means: dict[tuple[int, str], list[tuple[float, float]]] = {}
+    errors, pulses = [], 0
+    for run in runs:
+        for column, (hot, count) in _hot_measurements(run).items():
+            place = (run.rig.channels[column].spring, run.rig.channels[column].face)
+            amperes, volts = run.log.currents[hot, column].mean(), run.log.voltages[hot, column].mean()
+            means.setdefault(place, []).append((float(amperes), float(volts)))
+            errors.append(_meter_error(run.rig, float(amperes), float(volts)))
+            pulses += count
+    if not means:
+        return None
+    current, voltage = np.mean([np.mean(found, axis=0) for found in means.values()], axis=0)
+    return MeterReadings(float(current), float(voltage), max(errors), pulses)
+
+
+def _hot_measurements(run: LoggedRun) -> dict[int, tuple[BoolArray, int]]:
+    """For each spring: which measurements are of it while hot, shape (L,), and in how many pulses."""
+    log, rig = run.log, run.rig
+    if rig.sensor is None or not len(log.current_times):
+        return {}
+    reports = np.searchsorted(log.relay_times, log.current_times - _TIME_TOLERANCE)
+    modelled = np.searchsorted(log.temperature_times, log.current_times - _TIME_TOLERANCE)
+    channels = [entry.channel - 1 for entry in rig.channels]
+    together = log.relays[reports][:, channels].sum(axis=1)
+    found = {}
+    for column, channel in enumerate(channels):
+        since = _closed_since(log.relay_times, log.relays[:, channel])[reports]
+        hot = log.current_times - since >= _SETTLING_TIME
+        hot &= log.temperatures[modelled, column] >= rig.springs.austenite_finish_c - _HOT_MARGIN
+        hot &= np.isfinite(log.currents[:, column])
+        if rig.supply.outputs == "shared":
+            hot &= together == 1
+        if hot.any():
+            found[column] = (hot, len(np.unique(since[hot])))
+    return found
+
+
+def _closed_since(times: FloatArray, closed: BoolArray) -> FloatArray:
+    """For each report: time of the first report of the pulse that it belongs to [s]; infinite where open."""
+    since, begun = np.full(len(times), np.inf), np.inf
+    for i, is_closed in enumerate(closed):
+        begun = min(begun, times[i]) if is_closed else np.inf
+        since[i] = begun
+    return since
+
+
+def _meter_error(rig: Rig, current: float, voltage: float) -> float:
+    assert rig.sensor is not None  # it measured
+    chip, sensor = CHIPS[rig.sensor.kind], rig.sensor
+    of_current = chip.current_error(sensor.shunt_ohm, sensor.shunt_tolerance, current) / current
+    return float(max(of_current, chip.voltage_error(voltage) / voltage) / _UNIFORM_FACTOR)
+
 
 OTHER_JOINTS = (BuiltParameters().with_hubs(), BuiltParameters.clamped())
 """Joints that are tried where pins do not explain the films: hubs, then strips clamped in their hexagons."""
 
-_EXPLAINED, _NEXT = "figures: what explains the motion", "figures: what to film next"
+_ATTRIBUTION_STEP, _EXPERIMENT_STEP = "figures: what explains the motion", "figures: what to film next"
 
 
-class Films(NamedTuple):
+class RobotFilms(NamedTuple):
     """Logs of one robot as `eldir_calibration.dynamics.results.identify_robot` takes them."""
 
     body: FilmedBody
@@ -59,7 +140,9 @@ class Films(NamedTuple):
     """Current and voltage of hot springs, where the logs hold them."""
 
 
-def films_of(paths: Sequence[Path], design: Design, progress: Progress = lambda what, part: None) -> Films:
+def read_films(
+    paths: Sequence[Path], design: Design, progress: Progress = lambda what, part: None
+) -> RobotFilms:
     """Reads and tracks logs of one robot. Raises `InputError` where their rigs have different springs or
     supplies, or where they are of different robots, or one is there twice."""
     runs = open_runs(paths, design)
@@ -79,22 +162,26 @@ def films_of(paths: Sequence[Path], design: Design, progress: Progress = lambda 
     recordings = []
     for i, log in enumerate(runs):
         progress("tracking", i / len(paths))
-        recordings.append(recording_of(log))
+        recordings.append(read_recording(log))
     robot, springs = first.design, first.rig.spring_parameters()
-    return Films(
+    return RobotFilms(
         FilmedBody(robot.morphology, robot.marks, robot.ballast / 2),
         recordings,
         RobotParameters(springs=springs),
         tuple(RobotParameters(joints, springs) for joints in OTHER_JOINTS),
         robot,
-        [s for log, film in zip(runs, recordings, strict=True) if (s := filmed_gait(log, film)) is not None],
+        [
+            s
+            for log, film in zip(runs, recordings, strict=True)
+            if (s := read_filmed_gait(log, film)) is not None
+        ],
         {"eldir": __version__, "logs": [path.name for path in paths], "rig": first.rig.name},
-        meter_readings(runs),
+        read_meters(runs),
     )
 
 
 def identify_films(
-    films: Films,
+    films: RobotFilms,
     *,
     weight_g: float | None = None,
     current_a: float | None = None,
@@ -102,7 +189,7 @@ def identify_films(
     seed: int = 0,
     figures: Path | None = None,
     progress: Progress = lambda what, part: None,
-) -> BuiltScene:
+) -> PrintedScene:
     """The identified robot, with the gaits that were filmed.
 
     Args:
@@ -141,93 +228,57 @@ def identify_films(
     return scene
 
 
-def filmed_gait(run: LoggedRun, film: Recording) -> FilmedGait | None:
+def read_filmed_gait(run: LoggedRun, film: Recording) -> FilmedGait | None:
     """The gait of a run and how far the camera saw the robot walk; None where the schedule is no gait. Of a
     control robot that followed the intact one's schedule, the gait of the motors that it has."""
-    gait = gait_of(run.schedule)
+    gait = extract_gait(run.schedule)
     if gait is None:
         return None
     own = slice(run.design.morphology.motors)
     gait = Gait(gait.period, gait.phase[own], gait.duty[own])
     motion = Motion(film.tracked, film.start, film.period, film.cycles, run.robot.body_length)
-    upright = stayed_upright(run.robot.positions[run.design.marks], film.tracked)
+    upright = stays_upright(run.robot.positions[run.design.marks], film.tracked)
     return FilmedGait.of(gait, motion.displacement(), upright, film.cycles, run.log.path.name)
 
 
-def recording_of(run: LoggedRun, progress: Callable[[int], None] = lambda frames: None) -> Recording:
-    """A log as a recording: marks in its frames, or else as tracked during the run; contacts as read back."""
-    log, schedule, names = run.log, run.schedule, run.names
+def read_recording(run: LoggedRun, progress: Callable[[int], None] = lambda frames: None) -> Recording:
+    """A log as a recording: markers in its frames, or else as tracked during the run; contacts as read
+    back."""
+    log, names = run.log, run.names
     if log.frame_count:
-        motion = filmed(run, progress).motion
+        motion = track_run(run, progress).motion
     elif log.tracks is not None and log.tracks.names == names:
         motion = run.motion(log.tracks)
     else:
         raise InputError(
-            f"{log.path} holds no positions of the marks",
+            f"{log.path} holds no positions of the markers",
             code="log.no-positions",
             expected=f"frames, or tracks of {', '.join(names)}",
             found="no frames" if log.tracks is None else ", ".join(log.tracks.names),
         )
-    on = contact_shares(log, schedule, run.rig, run.design.morphology.motors)
-    return Recording(motion.trajectory, on, motion.start, motion.period, motion.cycles)
-
-
-def contact_shares(log: RunLog, schedule: ActuationSchedule, rig: Rig, motors: int) -> FloatArray:
-    """Share of each interval in which each motor's contacts were closed, shape (steps, motors)."""
-    if not len(log.relay_times):
-        raise InputError(
-            f"{log.path} does not say when contacts closed",
-            code="log.no-contacts",
-            expected="read-backs of the relays",
-        )
-    edges = np.arange(int(np.ceil(schedule.duration / INTERVAL)) + 1) * INTERVAL
-    closed, faces = np.zeros((motors, len(edges) - 1)), np.zeros(motors)
-    for entry in rig.channels:
-        if entry.spring < motors:
-            times = _switchings(log, schedule, entry.channel)
-            # What is closed at the end stays closed.
-            until = np.append(times, [np.inf] * (len(times) % 2)).reshape(-1, 2, 1)
-            since, until = np.clip(until[:, 0], 0, edges[-1]), np.clip(until[:, 1], 0, edges[-1])
-            overlap = np.minimum(until, edges[1:]) - np.maximum(since, edges[:-1])
-            closed[entry.spring] += np.maximum(overlap, 0.0).sum(axis=0) / INTERVAL
-            faces[entry.spring] += 1
-    return (closed / np.maximum(faces, 1)[:, None]).T
-
-
-def _switchings(log: RunLog, schedule: ActuationSchedule, channel: int) -> FloatArray:
-    """When a channel closed and opened, alternately [s].
-
-    Two read-backs enclose a switching only to half a second, in which a spring may get a centimetre longer.
-    So the switching counts at the time when it was due, if that lies between them. Otherwise (after a pause,
-    or where a contact stuck) it counts in the middle.
-    """
-    states = np.concatenate([[False], log.relays[:, channel - 1]])
-    times = np.concatenate([log.relay_times[:1], log.relay_times])
-    due = [(t, changes[channel]) for t, changes in schedule.switchings() if channel in changes]
-    found = []
-    for i in np.flatnonzero(states[1:] != states[:-1]):
-        before, after = times[i], times[i + 1]
-        planned = [t for t, on in due if on == states[i + 1] and before <= t <= after]
-        found.append(planned[0] if planned else (before + after) / 2)
-    return np.array(found)
+    return Recording(
+        motion.trajectory, run.contact_shares(INTERVAL), motion.start, motion.period, motion.cycles
+    )
 
 
 def write_figures(
-    films: Films, scene: BuiltScene, folder: Path, progress: Progress = lambda what, part: None
-) -> BuiltScene:
+    films: RobotFilms, scene: PrintedScene, folder: Path, progress: Progress = lambda what, part: None
+) -> PrintedScene:
     """Writes four figures into a new folder; returns the scene with their numbers."""
     last, joints = films.recordings[-1], scene.robot.printed.joints
     nominal = next(n for n in (films.nominal, *films.others) if n.printed.joints == joints)
     found = attribute_ranges(
-        films.body, last, nominal, scene, progress=lambda part: progress(_EXPLAINED, part / 2)
+        films.body, last, nominal, scene, progress=lambda part: progress(_ATTRIBUTION_STEP, part / 2)
     )
     gaits = candidate_gaits(films.body.morphology.motors)
-    ranked = rank_experiments(films.body, scene, gaits, progress=lambda part: progress(_NEXT, (1 + part) / 2))
+    ranked = rank_experiments(
+        films.body, scene, gaits, progress=lambda part: progress(_EXPERIMENT_STEP, (1 + part) / 2)
+    )
     drawn = {
-        "intervals": dynamics_figures.intervals(scene),
-        "held-out": dynamics_figures.held_out(scene, last.tracked.names),
-        "explained": dynamics_figures.explained(found),
-        "next": dynamics_figures.next_films(ranked),
+        "intervals": dynamics_figures.draw_intervals(scene),
+        "held-out": dynamics_figures.draw_held_out(scene, last.tracked.names),
+        "explained": dynamics_figures.draw_attribution(found),
+        "next": dynamics_figures.draw_experiments(ranked),
     }
     with new_folder(folder) as draft:
         for name, figure in drawn.items():

@@ -8,17 +8,16 @@ from pathlib import Path
 
 import numpy as np
 
+from eldir.core.arguments import Quantity, Unit, length_quantity
 from eldir.core.files import read_file, write_text
 from eldir.core.records import BoolArray, FloatArray
-from eldir.core.validation import validated
+from eldir.core.validation import validate
 from eldir.core.yaml_files import parse_yaml, with_entries
 from eldir.errors import InputError, damaged, empty
 from eldir_calibration.springs.fit import SpringFit
 from eldir_calibration.springs.recording import SpringRecording
 from eldir_hardware.rig.configuration import Rig
-from eldir_hardware.rig.sections import THERMAL, calibration_of
-from eldir_hardware.units import Quantity, Unit
-from eldir_hardware.units import length as length_in
+from eldir_hardware.rig.sections import THERMAL, calibration_entry
 
 _COLUMNS = ("t_s", "current_a", "voltage_v", "temperature_c", "fan")
 _OPTIONAL = ("length_mm", "ambient_c")
@@ -26,12 +25,12 @@ _TIMES = (Unit("milliseconds", 1e-3), Unit("minutes", 60.0), Unit("microseconds"
 _DURATION = Quantity("s", 20.0, 14_400.0, _TIMES)
 _CURRENT = Quantity("A", 0.05, 40.0, (Unit("milliamperes", 1e-3),))
 _VOLTAGE = Quantity("V", 0.05, 48.0, (Unit("millivolts", 1e-3),))
-_LOWEST_TEMPERATURE = Quantity(
+_LOW_TEMPERATURE = Quantity(
     "C", -10.0, 45.0, (Unit("Fahrenheit", 1 / 1.8, -32 / 1.8), Unit("kelvin", 1.0, -273.15))
 )
-_LENGTH = length_in("mm", 5.0, 500.0)
+_LENGTH = length_quantity("mm", 5.0, 500.0)
 _REMEDY = "the values found are not those of a spring that this program drives; check the table, record again"
-_ENTRIES = {
+_RIG_ENTRIES = {
     "resistance": ("resistance_ohm", 1.0),
     "ambient": ("ambient_c", 1.0),
     "convection_still": ("convection_still", 1.0),
@@ -47,13 +46,13 @@ _ENTRIES = {
 }
 
 
-def load_recording(path: Path) -> SpringRecording:
+def load_spring_recording(path: Path) -> SpringRecording:
     """Read a table as spreadsheets and loggers write it: commas, semicolons with decimal commas, or tabs;
     UTF-8 or UTF-16. Raises `InputError` that names a missing column, what is no number, or another unit."""
     data = read_file(path)
     if not data:
         raise empty(path, f"columns {', '.join(_COLUMNS)}")
-    rows = _rows(path, data)
+    rows = _read_rows(path, data)
     found = tuple(rows[0]) if rows else ()
     missing = [c for c in _COLUMNS if c not in found]
     if missing:
@@ -81,7 +80,7 @@ def load_recording(path: Path) -> SpringRecording:
     return recording
 
 
-def _rows(path: Path, data: bytes) -> list[dict[str, str]]:
+def _read_rows(path: Path, data: bytes) -> list[dict[str, str]]:
     try:
         wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
         lines = data.decode("utf-16" if wide else "utf-8-sig").splitlines()
@@ -102,17 +101,17 @@ def _require_units(path: Path, table: dict[str, FloatArray], heated: BoolArray) 
         "t_s": (_DURATION, "the whole time", float(np.ptp(table["t_s"]))),
         "current_a": (_CURRENT, "the current while it heats", float(np.median(table["current_a"][heated]))),
         "voltage_v": (_VOLTAGE, "the voltage while it heats", float(np.median(table["voltage_v"][heated]))),
-        "temperature_c": (_LOWEST_TEMPERATURE, "its lowest value", _lowest(table["temperature_c"])),
+        "temperature_c": (_LOW_TEMPERATURE, "its lowest value", _low_percentile(table["temperature_c"])),
     }
     if "length_mm" in table:
-        numbers["length_mm"] = (_LENGTH, "its lowest value", _lowest(table["length_mm"]))
+        numbers["length_mm"] = (_LENGTH, "its lowest value", _low_percentile(table["length_mm"]))
     if "ambient_c" in table:
-        numbers["ambient_c"] = (_LOWEST_TEMPERATURE, "its lowest value", _lowest(table["ambient_c"]))
+        numbers["ambient_c"] = (_LOW_TEMPERATURE, "its lowest value", _low_percentile(table["ambient_c"]))
     for column, (quantity, what, value) in numbers.items():
         quantity.require_plausible(f"{path}: column {column}: {what}", value, "convert the column")
 
 
-def _lowest(values: FloatArray) -> float:
+def _low_percentile(values: FloatArray) -> float:
     return float(np.percentile(values, 5))
 
 
@@ -132,15 +131,15 @@ def _wrong_column(path: Path, name: str, expected: str, found: str) -> InputErro
     return InputError(problem, code="spring.wrong-column", key=name, expected=expected, found=found)
 
 
-def rig_with_springs(rig: Path, fit: SpringFit, out: Path) -> None:
+def write_rig_with_springs(rig: Path, fit: SpringFit, out: Path) -> None:
     """Write a copy of the rig file with the parameters found in its section `springs`, once it is valid:
     raises `InputError` that names the value no rig can have, and writes nothing."""
     found = {
         entry: float(f"{scale * fit.estimates[name].value:.6g}")
-        for name, (entry, scale) in _ENTRIES.items()
+        for name, (entry, scale) in _RIG_ENTRIES.items()
         if name in fit.estimates
     }
-    calibration = calibration_of({name: value for name, value in found.items() if name in THERMAL})
+    calibration = calibration_entry({name: value for name, value in found.items() if name in THERMAL})
     text = with_entries(rig.read_text(), "springs", {**found, "calibration": calibration})
-    validated(Rig, parse_yaml(text.encode(), str(out)), str(out), _REMEDY)
+    validate(Rig, parse_yaml(text.encode(), str(out)), str(out), _REMEDY)
     write_text(out, text)

@@ -18,10 +18,10 @@ from eldir.trajectory import Trajectory
 
 CYCLES = 5
 """Displacement is given for this many cycles (paper, Sect. Sim2Real)."""
-PHASES = 100
+PHASE_SAMPLES = 100
 """Samples of a cycle."""
-KINDS = ("simulated", "predicted", "tracked")
-_SAME = 1e-9  # a prediction this close to the camera was not computed independently [m]
+MOTION_KINDS = ("simulated", "predicted", "tracked")
+_MIN_DIFFERENCE = 1e-9  # a prediction this close to the camera was not computed independently [m]
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +52,7 @@ class Motion(Record):
             )
 
     @property
-    def seen(self) -> FloatArray:
+    def visible_share(self) -> FloatArray:
         """Share of instants within the cycles at which each mass was seen, shape (K,)."""
         t = self.trajectory.times
         inside = (t >= self.start) & (t <= self.start + self.period * self.cycles)
@@ -60,14 +60,14 @@ class Motion(Record):
         return measured[inside].mean(axis=0)
 
     @property
-    def _within(self) -> tuple[FloatArray, FloatArray]:
+    def _counted_frames(self) -> tuple[FloatArray, FloatArray]:
         t = self.trajectory.times
         inside = (t >= self.start) & (t <= self.start + self.period * self.cycles)
         return t[inside], self.trajectory.positions[inside] * self.scale
 
     def vertical_ranges(self) -> FloatArray:
         """Greatest minus least height in each cycle [m at the built pitch], shape (cycles, K)."""
-        t, x = self._within
+        t, x = self._counted_frames
         cycle = np.minimum(((t - self.start) / self.period).astype(int), self.cycles - 1)
         ranges = np.full((self.cycles, x.shape[1]), np.nan)
         for c in range(self.cycles):
@@ -78,15 +78,15 @@ class Motion(Record):
 
     def by_phase(self) -> FloatArray:
         """Positions at equal phases of every cycle [m], shape (cycles, PHASES, K, 2); gaps bridged."""
-        phases = (np.arange(self.cycles * PHASES) + 0.5) / PHASES
+        phases = (np.arange(self.cycles * PHASE_SAMPLES) + 0.5) / PHASE_SAMPLES
         t, x = self.trajectory.times, self.trajectory.positions * self.scale
-        columns = [_interpolated(self.start + phases * self.period, t, c) for c in x.reshape(len(t), -1).T]
-        return np.stack(columns, axis=1).reshape(self.cycles, PHASES, x.shape[1], 2)
+        columns = [_interpolate(self.start + phases * self.period, t, c) for c in x.reshape(len(t), -1).T]
+        return np.stack(columns, axis=1).reshape(self.cycles, PHASE_SAMPLES, x.shape[1], 2)
 
     def advance(self) -> tuple[FloatArray, FloatArray]:
         """Cycles since the start, and mean forward motion of the masses in body lengths."""
-        t, x = self._within
-        filled = np.stack([_interpolated(t, t, c) for c in x[:, :, 0].T], axis=1)
+        t, x = self._counted_frames
+        filled = np.stack([_interpolate(t, t, c) for c in x[:, :, 0].T], axis=1)
         moved = (filled - filled[0]).mean(axis=1)
         return (t - self.start) / self.period, moved / (self.body_length * self.scale)
 
@@ -98,11 +98,11 @@ class Motion(Record):
         """Forward motion in each cycle, in body lengths per five cycles, shape (cycles,)."""
         ends = self.start + np.arange(self.cycles + 1) * self.period
         t, x = self.trajectory.times, self.trajectory.positions[:, :, 0]
-        places = np.stack([_interpolated(ends, t, c) for c in x.T], axis=1)
-        seen = np.isfinite(places).all(axis=0)
-        if not seen.any():
+        places = np.stack([_interpolate(ends, t, c) for c in x.T], axis=1)
+        visible_share = np.isfinite(places).all(axis=0)
+        if not visible_share.any():
             return np.full(self.cycles, np.nan)
-        return np.diff(places[:, seen].mean(axis=1)) / self.body_length * CYCLES
+        return np.diff(places[:, visible_share].mean(axis=1)) / self.body_length * CYCLES
 
 
 @dataclass(frozen=True)
@@ -149,21 +149,21 @@ class MotionReport(Record):
     """Vertical range of motion of each kind and mass [m at the built pitch]."""
     displacement: dict[str, float]
     """Displacement of each kind of motion, in body lengths per five cycles."""
-    walked: dict[str, CycleMean]
+    displacement_intervals: dict[str, CycleMean]
     """Displacement of each kind of motion, with its interval over cycles."""
     agreement: dict[str, list[dict[str, Agreement]]]
     """Agreement of 'simulated' and 'predicted' with 'tracked': for each mass, 'horizontal' and 'vertical'."""
     body_length: float
     """Body length at the built pitch [m]."""
-    seen: FloatArray
+    visible_share: FloatArray
     """Share of frames in which the camera saw each mass, shape (K,)."""
     warnings: tuple[str, ...]
 
 
-def compare(simulated: Motion, predicted: Motion, tracked: Motion) -> MotionReport:
+def compare_motions(simulated: Motion, predicted: Motion, tracked: Motion) -> MotionReport:
     """Compare motions of the same masses; the camera is the reference. Raises `InputError` where the masses
     differ."""
-    motions = dict(zip(KINDS, (simulated, predicted, tracked), strict=True))
+    motions = dict(zip(MOTION_KINDS, (simulated, predicted, tracked), strict=True))
     names = tracked.trajectory.names
     for kind, motion in motions.items():
         if motion.trajectory.names != names:
@@ -180,10 +180,10 @@ def compare(simulated: Motion, predicted: Motion, tracked: Motion) -> MotionRepo
         names=names,
         ranges={k: [CycleMean.of(r) for r in m.vertical_ranges().T] for k, m in motions.items()},
         displacement={k: m.displacement() for k, m in motions.items()},
-        walked={k: CycleMean.of(m.displacements()) for k, m in motions.items()},
+        displacement_intervals={k: CycleMean.of(m.displacements()) for k, m in motions.items()},
         agreement={k: agreements(folded[k], folded["tracked"], lag) for k, lag in lags.items()},
         body_length=tracked.body_length * tracked.scale,
-        seen=tracked.seen,
+        visible_share=tracked.visible_share,
         warnings=tuple(_warnings(motions, folded)),
     )
 
@@ -197,7 +197,7 @@ def mean_cycle(folded: FloatArray) -> FloatArray:
     # From cycle to cycle: a straight line fitted within one would take part of the swing away.
     step = (x[-1] - x[0]).mean(axis=0) / (len(x) - 1) if len(x) > 1 else x[0, -1] - x[0, 0]
     mean = folded.mean(axis=0)
-    mean[..., 0] -= np.linspace(0, 1, PHASES, endpoint=False)[:, None] * step
+    mean[..., 0] -= np.linspace(0, 1, PHASE_SAMPLES, endpoint=False)[:, None] * step
     return mean - mean.mean(axis=0)
 
 
@@ -210,8 +210,8 @@ def agreements(folded: FloatArray, reference: FloatArray, lag: int = 0) -> list[
         both = {}
         for axis, direction in enumerate(("horizontal", "vertical")):
             u, v = a[:, k, axis], b[:, k, axis]
-            every = np.array([_correlation(np.roll(u, s), v) for s in range(PHASES)])
-            null = float(np.mean(np.abs(every[PHASES // 8 :: PHASES // 8])))
+            every = np.array([_correlation(np.roll(u, s), v) for s in range(PHASE_SAMPLES)])
+            null = float(np.mean(np.abs(every[PHASE_SAMPLES // 8 :: PHASE_SAMPLES // 8])))
             rank = float(np.mean(every >= every[0] - 1e-12)) if np.isfinite(every).all() else float("nan")
             error = float(np.sqrt(np.mean((u - v) ** 2)))
             both[direction] = Agreement(float(every[0]), error, null, rank)
@@ -222,8 +222,10 @@ def agreements(folded: FloatArray, reference: FloatArray, lag: int = 0) -> list[
 def best_lag(folded: FloatArray, reference: FloatArray) -> int:
     """The shift in phase samples at which the heights of all masses correlate best."""
     a, b = mean_cycle(folded)[..., 1].T, mean_cycle(reference)[..., 1].T
-    seen = [(u, v) for u, v in zip(a, b, strict=True) if np.isfinite(u).all() and np.isfinite(v).all()]
-    scores = [sum(_correlation(np.roll(u, s), v) for u, v in seen) for s in range(PHASES)]
+    visible_share = [
+        (u, v) for u, v in zip(a, b, strict=True) if np.isfinite(u).all() and np.isfinite(v).all()
+    ]
+    scores = [sum(_correlation(np.roll(u, s), v) for u, v in visible_share) for s in range(PHASE_SAMPLES)]
     return int(np.argmax(scores))
 
 
@@ -233,20 +235,22 @@ def _correlation(u: FloatArray, v: FloatArray) -> float:
     return 0.0 if size == 0 else float(u @ v) / size
 
 
-def _interpolated(at: FloatArray, t: FloatArray, values: FloatArray) -> FloatArray:
+def _interpolate(at: FloatArray, t: FloatArray, values: FloatArray) -> FloatArray:
     good = np.isfinite(values)
     return np.interp(at, t[good], values[good]) if good.any() else np.full(len(at), np.nan)
 
 
 def _warnings(motions: dict[str, Motion], folded: dict[str, FloatArray]) -> list[str]:
-    said = []
+    warnings = []
     names = motions["tracked"].trajectory.names
     if len(names) < 5:
-        said.append(f"Only {len(names)} masses lie on the rear edge of this design; five are usual.")
-    apart = np.abs(folded["predicted"] - folded["tracked"])
-    if np.isfinite(apart).all() and apart.max() < _SAME:
-        said.append("The prediction equals the camera, so one was computed from the other. This is a bug.")
-    for name, share in zip(names, motions["tracked"].seen, strict=True):
+        warnings.append(f"Only {len(names)} masses lie on the rear edge of this design; five are usual.")
+    difference = np.abs(folded["predicted"] - folded["tracked"])
+    if np.isfinite(difference).all() and difference.max() < _MIN_DIFFERENCE:
+        warnings.append(
+            "The prediction equals the camera, so one was computed from the other. This is a bug."
+        )
+    for name, share in zip(names, motions["tracked"].visible_share, strict=True):
         if share < 0.95:
-            said.append(f"The camera saw {name} in only {share:.0%} of the frames.")
-    return said
+            warnings.append(f"The camera saw {name} in only {share:.0%} of the frames.")
+    return warnings

@@ -10,8 +10,15 @@ from pydantic import Field
 from eldir.core.records import OMITTED, FileRecord, Record, Rounded, record
 from eldir.parameters.wiring import Connection, Wiring, wiring, wiring_digest
 from eldir_calibration.report.comparison import Agreement, CycleMean
-from eldir_calibration.report.null_comparison import OtherDesigns
-from eldir_calibration.report.verdict import RANGE, SWING, Agrees, Compared, MarkMotion, ReportVerdict
+from eldir_calibration.report.controls import OtherDesigns
+from eldir_calibration.report.verdict import (
+    HORIZONTAL_SWING,
+    VERTICAL_RANGE,
+    AgreementLevel,
+    ComparedQuantity,
+    MarkerMotion,
+    ReportVerdict,
+)
 from eldir_hardware.vision.tracking_quality import TrackingQuality
 
 Number = Annotated[float, Rounded(9)]
@@ -19,7 +26,7 @@ Size = Annotated[float, Rounded(9, ge=0)]
 Interval = tuple[Number, Number]
 
 
-def interval_of(estimate: CycleMean) -> Interval:
+def to_interval(estimate: CycleMean) -> Interval:
     """Both ends of the interval of an estimate."""
     return estimate.low, estimate.high
 
@@ -38,41 +45,43 @@ class ComparedNumbers(Record):
     """Filmed value; null if nothing was filmed."""
     tracked_interval: Interval
     """95 % over cycles."""
-    agreement: Agrees | None
+    agreement: AgreementLevel | None
     """agrees: the film lies within the prediction's interval; undecided: only its own interval reaches
     inside; disagrees; null: unknown."""
 
     @classmethod
-    def entries(cls, one: Compared) -> dict[str, Any]:
+    def entries(cls, one: ComparedQuantity) -> dict[str, Any]:
         """The entries of one quantity."""
         return {
             "predicted": one.predicted.mean,
-            "predicted_interval": interval_of(one.predicted),
+            "predicted_interval": to_interval(one.predicted),
             "nominal": one.nominal,
             "tracked": one.tracked.mean,
-            "tracked_interval": interval_of(one.tracked),
+            "tracked_interval": to_interval(one.tracked),
             "agreement": one.agreement,
         }
 
 
 @record
-class _Mark(Record):
-    """Which motion of which mark."""
+class _MarkerNumbers(Record):
+    """Which motion of which marker."""
 
     mark: str
-    """Name of the mark."""
-    motion: Annotated[str, Field(json_schema_extra={"enum": [RANGE, SWING]})]
-    """Which motion of the mark."""
+    """Name of the marker."""
+    motion: Annotated[str, Field(json_schema_extra={"enum": [VERTICAL_RANGE, HORIZONTAL_SWING]})]
+    """Which motion of the marker."""
 
 
 @record
-class MotionNumbers(ComparedNumbers, _Mark):  # in the file, the entries of the last base are the first
-    """The size of the motion of one mark in one direction [m], predicted and filmed."""
+class MotionNumbers(
+    ComparedNumbers, _MarkerNumbers
+):  # in the file, the entries of the last base are the first
+    """The size of the motion of one marker in one direction [m], predicted and filmed."""
 
     @classmethod
-    def of(cls, one: MarkMotion) -> MotionNumbers:
-        """The motion of one mark."""
-        return cls(mark=one.mark, motion=one.what, **cls.entries(one))
+    def of(cls, one: MarkerMotion) -> MotionNumbers:
+        """The motion of one marker."""
+        return cls(mark=one.marker, motion=one.quantity, **cls.entries(one))
 
 
 @record
@@ -88,7 +97,7 @@ class VerdictNumbers(Record):
     body_lengths_per_5_cycles: ComparedNumbers
     """The walk [body lengths per five cycles]."""
     motions_m: tuple[MotionNumbers, ...]
-    """Vertical range and horizontal swing of every mark [m]."""
+    """Vertical range and horizontal swing of every marker [m]."""
     largest_disagreement: MotionNumbers | None
     """The motion that disagrees most [m]; null if none can be compared."""
 
@@ -163,11 +172,11 @@ class PredictionErrors(Record):
     """A prediction, and its errors compared with the camera."""
 
     vertical_range_m: dict[str, Size]
-    """Predicted vertical range of each mark, mean over cycles [m]."""
+    """Predicted vertical range of each marker, mean over cycles [m]."""
     vertical_range_error: Number
     """Mean over masses, as a part of the camera's mean range."""
     height_error_m: Number
-    """Root mean square error of the marks' heights over a mean cycle [m]."""
+    """Root mean square error of the markers' heights over a mean cycle [m]."""
     body_lengths_per_5_cycles: Number
     """Predicted displacement [body lengths per five cycles]."""
 

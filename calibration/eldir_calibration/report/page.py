@@ -12,14 +12,19 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from eldir.core.figure_folder import page_templates
 from eldir.core.files import new_folder, write_bytes, write_text
-from eldir.core.pictures import png
+from eldir.core.pictures import page_templates, png
 from eldir.core.records import BoolArray, FloatArray
 from eldir.parameters.wiring import Wiring
-from eldir_calibration.report import figures
-from eldir_calibration.report.comparison import KINDS, Motion, MotionReport, best_lag, compare
-from eldir_calibration.report.null_comparison import OtherDesigns
+from eldir_calibration.report import _figures as figures
+from eldir_calibration.report.comparison import MOTION_KINDS, Motion, MotionReport, best_lag, compare_motions
+from eldir_calibration.report.controls import (
+    PAPER_DISPLACEMENTS,
+    FilmedRun,
+    OtherDesigns,
+    pool_displacements,
+    summarise_controls,
+)
 from eldir_calibration.report.numbers import (
     IdentificationGain,
     MassNumbers,
@@ -28,21 +33,25 @@ from eldir_calibration.report.numbers import (
     RunNumbers,
     VerdictNumbers,
     WiringNumbers,
-    interval_of,
+    to_interval,
 )
-from eldir_calibration.report.runs import PAPER as PAPER_RUNS
-from eldir_calibration.report.runs import FilmedRun, conclusions, pooled
-from eldir_calibration.report.sampled_motions import SampledMotions
-from eldir_calibration.report.verdict import Compared, ReportVerdict, verdict_of, with_sample_intervals
+from eldir_calibration.report.verdict import (
+    ComparedQuantity,
+    ReportVerdict,
+    SampledMotions,
+    evaluate_prediction,
+    with_sample_intervals,
+)
 from eldir_hardware.camera.plane import Image, Plane
 from eldir_hardware.vision.tracking_quality import TrackingQuality
 
 PAPER = {"simulated": 0.6, "tracked": 0.8}
 """Body lengths per five cycles of the paper's robot (Sect. Sim2Real)."""
+_FRAME_CAPTION = "A frame of the log with the path that the tracker found for each mass"
 
 
 @dataclass(frozen=True)
-class Heating:
+class HeatingRecord:
     """Contacts and temperatures in the log."""
 
     relay_times: FloatArray
@@ -61,7 +70,7 @@ class ReportInput:
     simulated: Motion
     predicted: Motion
     tracked: Motion
-    heating: Heating
+    heating: HeatingRecord
     before: Motion | None = None
     """The prediction of the nominal robot, where `predicted` is of an identified one."""
     overlay: bytes | None = None
@@ -85,26 +94,51 @@ class ReportInput:
     @cached_property
     def verdict(self) -> ReportVerdict:
         """The main finding."""
-        return verdict_of(self.predicted, self.tracked, self.samples)
+        return evaluate_prediction(self.predicted, self.tracked, self.samples)
 
 
 def write_report(content: ReportInput, folder: Path) -> MotionReport:
-    """Write `index.html`, `report.json` and the figures into a new folder, whole or not at all."""
-    motions = dict(zip(KINDS, (content.simulated, content.predicted, content.tracked), strict=True))
-    report = compare(*motions.values())
+    """Write `index.html`, `report.json` and the figures into a new folder, whole or not at all.
+
+    Raises `InputError` where the folder exists, or where the motions are of different masses.
+    """
+    motions = dict(zip(MOTION_KINDS, (content.simulated, content.predicted, content.tracked), strict=True))
+    report = compare_motions(*motions.values())
     if content.samples is not None:
         report = with_sample_intervals(report, content.verdict)
     gain = None
     if content.before is not None:
         gain = IdentificationGain(
-            _errors(content.before, content.tracked), _errors(content.predicted, content.tracked)
+            _prediction_errors(content.before, content.tracked),
+            _prediction_errors(content.predicted, content.tracked),
         )
     lag = best_lag(content.simulated.by_phase(), content.tracked.by_phase())
-    drawn = _drawn(content, motions, report, lag)
-    pictures = {name: (caption, png(figure)) for name, (caption, figure) in drawn.items()}
-    if content.overlay is not None:
-        caption = "A frame of the log with the path that the tracker found for each mass"
-        pictures = {"frame": (caption, content.overlay), **pictures}
+    pictures = _pictures(content, _draw_figures(content, motions, report, lag))
+    page = _render_page(content, report, pictures, gain)
+    with new_folder(folder) as draft:
+        write_text(draft / "index.html", page)
+        _report_numbers(report, content, gain).save(draft / "report.json")
+        for name, (_, data) in pictures.items():
+            write_bytes(draft / f"{name}.png", data)
+        if content.film is not None:
+            write_bytes(draft / "film.webm", content.film)
+    return report
+
+
+def _pictures(content: ReportInput, drawings: dict[str, tuple[str, Figure]]) -> dict[str, tuple[str, bytes]]:
+    """Caption and PNG of each picture."""
+    pictures = {name: (caption, png(figure)) for name, (caption, figure) in drawings.items()}
+    if content.overlay is None:
+        return pictures
+    return {"frame": (_FRAME_CAPTION, content.overlay), **pictures}
+
+
+def _render_page(
+    content: ReportInput,
+    report: MotionReport,
+    pictures: dict[str, tuple[str, bytes]],
+    gain: IdentificationGain | None,
+) -> str:
     # Adding 0.0 takes the sign from a rounded minus zero.
     templates = page_templates(
         "eldir_calibration.report",
@@ -113,39 +147,31 @@ def write_report(content: ReportInput, folder: Path) -> MotionReport:
         number=lambda v: f"{round(v, 2) + 0.0:+.2f}" if math.isfinite(v) else "not seen",
         fine=lambda v: f"{round(v, 3) + 0.0:+.3f}" if math.isfinite(v) else "?",
     )
-    page = templates.get_template("report.html").render(
+    return templates.get_template("report.html").render(
         title=content.title,
         report=report,
         verdict=content.verdict,
-        scale=_scale(content.verdict.walk),
+        scale=_headline_positions(content.verdict.walk),
         film=None if content.film is None else base64.b64encode(content.film).decode(),
-        alternatives=figures.ALTERNATIVES,
+        alternatives=figures.ALT_TEXTS,
         sampled=content.samples is not None,
-        kinds=KINDS,
+        kinds=MOTION_KINDS,
         labels=figures.LABELS,
         paper=PAPER,
         warnings=[*report.warnings, *content.remarks],
         runs=content.runs,
-        together=pooled(content.runs),
-        paper_runs=PAPER_RUNS,
-        conclusions=conclusions(content.runs),
+        together=pool_displacements(content.runs),
+        paper_runs=PAPER_DISPLACEMENTS,
+        conclusions=summarise_controls(content.runs),
         others=content.others,
         quality=content.quality,
         pictures=[(n, c, base64.b64encode(b).decode()) for n, (c, b) in pictures.items()],
         provenance=content.provenance,
         gain=gain,
     )  # fmt: skip
-    with new_folder(folder) as draft:
-        write_text(draft / "index.html", page)
-        _numbers(report, content, gain).save(draft / "report.json")
-        for name, (_, data) in pictures.items():
-            write_bytes(draft / f"{name}.png", data)
-        if content.film is not None:
-            write_bytes(draft / "film.webm", content.film)
-    return report
 
 
-def _scale(walk: Compared) -> dict[str, float] | None:
+def _headline_positions(walk: ComparedQuantity) -> dict[str, float] | None:
     """Places on the headline's axis, in hundredths of its width; None where there is no interval."""
     known = [walk.predicted.low, walk.predicted.high, walk.tracked.mean]
     if not np.isfinite(known).all():
@@ -158,59 +184,64 @@ def _scale(walk: Compared) -> dict[str, float] | None:
     return {name: round(100 * (v - low) / (high - low), 2) for name, v in places.items()}
 
 
-def _drawn(
+def _draw_figures(
     content: ReportInput, motions: dict[str, Motion], report: MotionReport, lag: int
 ) -> dict[str, tuple[str, Figure]]:
     """Caption and figure of each name."""
-    drawn = {
-        "ranges": ("Vertical range of motion, mean and 95 % interval over cycles", figures.ranges(report)),
-        "advance": ("Forward motion of the marked masses", figures.advance(motions)),
+    drawings = {
+        "ranges": (
+            "Vertical range of motion, mean and 95 % interval over cycles",
+            figures.draw_ranges(report),
+        ),
+        "advance": ("Forward motion of the marked masses", figures.draw_advance(motions)),
     }
     if len(content.runs) > 1:
         caption = "Each robot beside its prediction; camera with 95 % interval over cycles"
-        drawn["runs"] = (caption, figures.side_by_side(content.runs))
+        drawings["runs"] = (caption, figures.draw_runs(content.runs))
     if content.frame is not None and content.plane is not None:
         caption = (
             "Mean cycles without the steady walk, on the frame at the start of the cycles that count. A ring "
             "marks phase zero. The evolved robot's cycle is stretched, and shifted to where it fits best"
         )
-        cycles = figures.cycles_on_frame(content.frame, content.plane, motions, lag)
-        drawn["cycles"] = (caption, cycles)
-    drawn["paths"] = ("Paths of the marked masses over the cycles that count", figures.paths(motions))
-    drawn["heights"] = (
+        cycles = figures.draw_cycles(content.frame, content.plane, motions, lag)
+        drawings["cycles"] = (caption, cycles)
+    drawings["paths"] = ("Paths of the marked masses over the cycles that count", figures.draw_paths(motions))
+    drawings["heights"] = (
         "Height over a cycle, without its mean. Bands span all cycles. The evolved robot's cycle is "
         "stretched, and shifted to where it fits best",
-        figures.heights(motions, lag),
+        figures.draw_heights(motions, lag),
     )
     if content.others is not None:
         caption = "Correlation of vertical-range profiles with the camera's, also for other bodies"
-        drawn["profiles"] = (
+        drawings["profiles"] = (
             caption,
-            figures.profiles(
+            figures.draw_profiles(
                 content.others.profile_correlation, content.others.profile_correlation_of_others
             ),
         )
     caption = "The motion, the contacts as read back, and the modelled temperatures"
-    drawn["heating"] = (caption, figures.heating(content.tracked, **vars(content.heating)))
-    return drawn
+    drawings["heating"] = (caption, figures.draw_heating(content.tracked, **vars(content.heating)))
+    return drawings
 
 
-def _numbers(report: MotionReport, content: ReportInput, gain: IdentificationGain | None) -> ReportNumbers:
+def _report_numbers(
+    report: MotionReport, content: ReportInput, gain: IdentificationGain | None
+) -> ReportNumbers:
     """Every number of the report."""
     masses = {
         name: MassNumbers(
-            {kind: report.ranges[kind][k].mean for kind in KINDS},
-            {kind: interval_of(report.ranges[kind][k]) for kind in KINDS},
-            {kind: report.ranges[kind][k].mean / report.body_length for kind in KINDS},
+            {kind: report.ranges[kind][k].mean for kind in MOTION_KINDS},
+            {kind: to_interval(report.ranges[kind][k]) for kind in MOTION_KINDS},
+            {kind: report.ranges[kind][k].mean / report.body_length for kind in MOTION_KINDS},
             {kind: both[k] for kind, both in report.agreement.items()},
-            float(report.seen[k]),
+            float(report.visible_share[k]),
         )
         for k, name in enumerate(report.names)
     }
     runs = (
         RunNumbers(
-            run.log, run.robot, run.detail, run.walked.mean, interval_of(run.walked), run.expected,
-            run.tracked.cycles, run.fingerprint or None,
+            run.log, run.robot, run.detail, run.displacement.mean, to_interval(run.displacement),
+            run.predicted_displacement, run.tracked.cycles, run.fingerprint or None,
         )
         for run in content.runs
     )  # fmt: skip
@@ -218,7 +249,7 @@ def _numbers(report: MotionReport, content: ReportInput, gain: IdentificationGai
         VerdictNumbers.of(content.verdict),
         masses,
         report.displacement,
-        {kind: interval_of(walked) for kind, walked in report.walked.items()},
+        {kind: to_interval(walked) for kind, walked in report.displacement_intervals.items()},
         PAPER,
         tuple(runs),
         content.others,
@@ -231,14 +262,14 @@ def _numbers(report: MotionReport, content: ReportInput, gain: IdentificationGai
     )
 
 
-def _errors(motion: Motion, seen: Motion) -> PredictionErrors:
+def _prediction_errors(motion: Motion, filmed: Motion) -> PredictionErrors:
     """A prediction compared with the camera."""
-    tracked, ranges = seen.vertical_ranges(), motion.vertical_ranges().mean(axis=0)
-    apart = motion.by_phase() - seen.by_phase()
-    off = np.abs(ranges - np.nanmean(tracked, axis=0))
+    tracked, ranges = filmed.vertical_ranges(), motion.vertical_ranges().mean(axis=0)
+    difference = motion.by_phase() - filmed.by_phase()
+    errors = np.abs(ranges - np.nanmean(tracked, axis=0))
     return PredictionErrors(
-        dict(zip(seen.trajectory.names, ranges.tolist(), strict=True)),
-        float(np.nanmean(off) / np.nanmean(tracked)),
-        float(np.sqrt(np.nanmean(apart[..., 1] ** 2))),
+        dict(zip(filmed.trajectory.names, ranges.tolist(), strict=True)),
+        float(np.nanmean(errors) / np.nanmean(tracked)),
+        float(np.sqrt(np.nanmean(difference[..., 1] ** 2))),
         motion.displacement(),
     )

@@ -7,19 +7,73 @@ cycles of one simulation.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+from scipy.special import stdtrit
 
-from eldir.core.records import FloatArray
-from eldir_calibration.report.comparison import CycleMean, Motion, MotionReport
-from eldir_calibration.report.sampled_motions import LEVEL, SampledMotions, prediction_interval, swings
+from eldir.core.records import FloatArray, Record
+from eldir_calibration.report.comparison import CycleMean, Motion, MotionReport, mean_cycle
 
-RANGE, SWING = "vertical range", "horizontal swing"
-_RESOLVED = 1e-4  # the tracker's error is 0.02 to 0.09 mm (docs/reference/vision.md) [m]
-Agrees = Literal["agrees", "undecided", "disagrees"]
-_AGREEMENT = {
+CONFIDENCE_LEVEL = 0.95
+"""Probability of the interval of a prediction."""
+
+
+@dataclass(frozen=True, eq=False)
+class SampledMotions(Record):
+    """Motions of n samples of a robot with K markers. A sample that falls, folds or buckles a coil is minus
+    infinity in `walks` and NaN elsewhere."""
+
+    walks: FloatArray
+    """Displacement [body lengths per five cycles], shape (n,)."""
+    ranges: FloatArray
+    """Vertical range of motion of each marker [m], shape (n, K)."""
+    swings: FloatArray
+    """Horizontal swing of each marker [m], shape (n, K)."""
+
+    @classmethod
+    def of(cls, motions: Sequence[Motion | None], marks: int) -> SampledMotions:
+        """The motions of all samples; None for one that fell."""
+        lost = np.full(marks, np.nan)
+        return cls(
+            np.array([-np.inf if m is None else m.displacement() for m in motions]),
+            np.array([lost if m is None else m.vertical_ranges().mean(axis=0) for m in motions]),
+            np.array([lost if m is None else horizontal_swings(m) for m in motions]),
+        )
+
+    @property
+    def fell(self) -> int:
+        """Number of samples that fell, folded or buckled a coil."""
+        return int((~np.isfinite(self.walks)).sum())
+
+
+def horizontal_swings(motion: Motion) -> FloatArray:
+    """Horizontal swing of each marker: greatest minus least place in the mean cycle, without the steady walk
+    [m], shape (K,)."""
+    return np.ptp(mean_cycle(motion.by_phase())[..., 0], axis=0)
+
+
+def prediction_interval(values: FloatArray, level: float = CONFIDENCE_LEVEL) -> CycleMean:
+    """Mean of samples, and the interval for one more robot that stays upright.
+
+    The interval is mean +- t s sqrt(1 + 1/n), with Student's t for n - 1 degrees of freedom. Values that are
+    not finite do not count.
+    """
+    good = np.asarray(values)[np.isfinite(values)]
+    n = len(good)
+    mean = float(good.mean()) if n else float("nan")
+    if n < 2:
+        return CycleMean(mean, float("nan"), float("nan"))
+    reach = float(stdtrit(n - 1, (1 + level) / 2) * good.std(ddof=1) * np.sqrt(1 + 1 / n))
+    return CycleMean(mean, mean - reach, mean + reach)
+
+
+VERTICAL_RANGE, HORIZONTAL_SWING = "vertical range", "horizontal swing"
+_RESOLUTION = 1e-4  # the tracker's error is 0.02 to 0.09 mm (docs/reference/vision.md) [m]
+AgreementLevel = Literal["agrees", "undecided", "disagrees"]
+_AGREEMENT_SENTENCES = {
     "agrees": "They agree: the film lies within the prediction's interval.",
     "undecided": "Not decided: the film lies outside the prediction's interval, but its own interval reaches "
     "inside.",
@@ -28,7 +82,7 @@ _AGREEMENT = {
 
 
 @dataclass(frozen=True)
-class Compared:
+class ComparedQuantity:
     """One quantity, predicted and filmed."""
 
     nominal: float
@@ -37,18 +91,18 @@ class Compared:
     """Mean of the samples that stay upright, and the interval for one more robot."""
     tracked: CycleMean
     """Filmed, with its interval over cycles if there is one."""
-    resolved: float = 0.0
+    resolution: float = 0.0
     """Differences below it are not seen by the camera."""
 
     @property
-    def agreement(self) -> Agrees | None:
+    def agreement(self) -> AgreementLevel | None:
         """Whether the film lies within the interval of the prediction; "undecided" if it lies outside, but
         its own interval reaches inside. None if either is unknown."""
         if not np.isfinite([self.predicted.low, self.predicted.high, self.tracked.mean]).all():
             return None
         if self.predicted.low <= self.tracked.mean <= self.predicted.high:
             return "agrees"
-        if abs(self.tracked.mean - self.predicted.mean) < self.resolved:
+        if abs(self.tracked.mean - self.predicted.mean) < self.resolution:
             return "agrees"
         reaches = self.tracked.low <= self.predicted.high and self.predicted.low <= self.tracked.high
         return "undecided" if reaches else "disagrees"
@@ -57,33 +111,33 @@ class Compared:
     def distance(self) -> float:
         """Distance of the film from the mean of the samples, in half widths of the interval: beyond 1 it lies
         outside. NaN if unknown."""
-        half = max((self.predicted.high - self.predicted.low) / 2, self.resolved)
+        half = max((self.predicted.high - self.predicted.low) / 2, self.resolution)
         return abs(self.tracked.mean - self.predicted.mean) / half if half > 0 else math.nan
 
 
 @dataclass(frozen=True)
-class MarkMotion(Compared):
-    """The size of the motion of one mark in one direction [m]."""
+class MarkerMotion(ComparedQuantity):
+    """The size of the motion of one marker in one direction [m]."""
 
-    mark: str = ""
-    what: str = ""
-    """Such as "vertical range"."""
+    marker: str = ""
+    quantity: str = ""
+    """`VERTICAL_RANGE` or `HORIZONTAL_SWING`."""
 
 
 @dataclass(frozen=True)
 class ReportVerdict:
     """What was predicted, what was filmed, and whether they agree."""
 
-    walk: Compared
+    walk: ComparedQuantity
     """Displacement [body lengths per five cycles]."""
     samples: int
     fell: int
     """Samples that fell, folded or buckled a coil."""
-    motions: tuple[MarkMotion, ...]
-    """Vertical range and horizontal swing of every mark."""
+    motions: tuple[MarkerMotion, ...]
+    """Vertical range and horizontal swing of every marker."""
 
     @property
-    def worst(self) -> MarkMotion | None:
+    def worst(self) -> MarkerMotion | None:
         """The motion that disagrees most; None if none can be compared."""
         known = [m for m in self.motions if math.isfinite(m.distance)]
         return max(known, key=lambda m: m.distance, default=None)
@@ -92,81 +146,92 @@ class ReportVerdict:
     def sentence(self) -> str:
         """Whether they agree, in one sentence."""
         if self.walk.agreement is not None:
-            return _AGREEMENT[self.walk.agreement]
+            return _AGREEMENT_SENTENCES[self.walk.agreement]
         if not math.isfinite(self.walk.tracked.mean):
-            return "Whether they agree cannot be said: nothing was filmed."
-        return f"Whether they agree cannot be said: {_few(self)}."
+            return "It is unknown whether they agree: nothing was filmed."
+        return f"It is unknown whether they agree: {_too_few_samples(self)}."
 
     @property
     def text(self) -> str:
-        """The verdict in words."""
-        return " ".join([_walk_words(self), *_motion_words(self)])
+        """The verdict as sentences."""
+        return " ".join([_describe_walk(self), *_describe_motions(self)])
 
 
-def verdict_of(predicted: Motion, tracked: Motion, samples: SampledMotions | None) -> ReportVerdict:
+def evaluate_prediction(predicted: Motion, tracked: Motion, samples: SampledMotions | None) -> ReportVerdict:
     """Compare the film with the samples of the predicted robot; without samples nothing is decided."""
     names = tracked.trajectory.names
     samples = samples or SampledMotions.of([], len(names))
-    walk = Compared(
+    walk = ComparedQuantity(
         predicted.displacement(), prediction_interval(samples.walks), CycleMean.of(tracked.displacements())
     )
-    motions: list[MarkMotion] = []
-    filmed = [CycleMean.of(r) for r in tracked.vertical_ranges().T]
-    one_film = [CycleMean(float(s), float(s), float(s)) for s in swings(tracked)]
-    for what, nominal, of_samples, seen in (
-        (RANGE, predicted.vertical_ranges().mean(axis=0), samples.ranges, filmed),
-        (SWING, swings(predicted), samples.swings, one_film),
+    motions: list[MarkerMotion] = []
+    range_means = [CycleMean.of(r) for r in tracked.vertical_ranges().T]
+    swing_values = [CycleMean(float(s), float(s), float(s)) for s in horizontal_swings(tracked)]
+    for quantity, nominal, of_samples, tracked_means in (
+        (VERTICAL_RANGE, predicted.vertical_ranges().mean(axis=0), samples.ranges, range_means),
+        (HORIZONTAL_SWING, horizontal_swings(predicted), samples.swings, swing_values),
     ):
         for k, name in enumerate(names):
             column = of_samples[:, k] if len(of_samples) else np.zeros(0)
             motions.append(
-                MarkMotion(float(nominal[k]), _size_interval(column), seen[k], _RESOLVED, name, what)
+                MarkerMotion(
+                    float(nominal[k]),
+                    _nonnegative_interval(column),
+                    tracked_means[k],
+                    _RESOLUTION,
+                    name,
+                    quantity,
+                )
             )
     return ReportVerdict(walk, len(samples.walks), samples.fell, tuple(motions))
 
 
 def with_sample_intervals(report: MotionReport, verdict: ReportVerdict) -> MotionReport:
     """The report with intervals of the samples, instead of those over cycles, for all that is predicted."""
-    of_mark = {m.mark: m.predicted for m in verdict.motions if m.what == RANGE}
+    of_mark = {m.marker: m.predicted for m in verdict.motions if m.quantity == VERTICAL_RANGE}
     ranges = [
         CycleMean(old.mean, of_mark[name].low, of_mark[name].high)
         for name, old in zip(report.names, report.ranges["predicted"], strict=True)
     ]
-    walk = CycleMean(report.walked["predicted"].mean, verdict.walk.predicted.low, verdict.walk.predicted.high)
+    walk = CycleMean(
+        report.displacement_intervals["predicted"].mean,
+        verdict.walk.predicted.low,
+        verdict.walk.predicted.high,
+    )
     return replace(
         report,
         ranges=report.ranges | {"predicted": ranges},
-        walked=report.walked | {"predicted": walk},
+        displacement_intervals=report.displacement_intervals | {"predicted": walk},
     )
 
 
-def _size_interval(values: FloatArray) -> CycleMean:
+def _nonnegative_interval(values: FloatArray) -> CycleMean:
     found = prediction_interval(values)
     return CycleMean(found.mean, max(found.low, 0.0) if math.isfinite(found.low) else found.low, found.high)
 
 
-def _few(v: ReportVerdict) -> str:
+def _too_few_samples(v: ReportVerdict) -> str:
     return f"only {v.samples - v.fell} of {v.samples} samples stay upright" if v.samples else "no samples"
 
 
-def _walk_words(v: ReportVerdict) -> str:
+def _describe_walk(v: ReportVerdict) -> str:
     walk, filmed = v.walk, v.walk.tracked
     interval = f" ({filmed.low:+.2f} to {filmed.high:+.2f} over cycles)" if math.isfinite(filmed.low) else ""
     camera = f"Filmed: {filmed.mean:+.2f}{interval}." if math.isfinite(filmed.mean) else "Nothing was filmed."
     if walk.agreement is None:
         alone = f"{walk.nominal:+.2f} body lengths per five cycles, for the most probable parameters"
-        return f"Predicted: {alone}. {camera} Whether they agree cannot be said: {_few(v)}."
+        return f"Predicted: {alone}. {camera} It is unknown whether they agree: {_too_few_samples(v)}."
     p = walk.predicted
     falls = f"; {v.fell} of {v.samples} samples fall" if v.fell else ""
     predicted = (
         f"Predicted: {p.mean:+.2f} body lengths per five cycles, {p.low:+.2f} to {p.high:+.2f} for "
-        f"{100 * LEVEL:.0f} % of robots like this one ({walk.nominal:+.2f} for the most probable "
+        f"{100 * CONFIDENCE_LEVEL:.0f} % of robots like this one ({walk.nominal:+.2f} for the most probable "
         f"parameters{falls})."
     )
     return f"{predicted} {camera} {v.sentence}"
 
 
-def _motion_words(v: ReportVerdict) -> list[str]:
+def _describe_motions(v: ReportVerdict) -> list[str]:
     worst = v.worst
     if worst is None:
         return []
@@ -175,7 +240,7 @@ def _motion_words(v: ReportVerdict) -> list[str]:
     p = worst.predicted
     place, differs = ("within", "differs") if worst.agreement == "agrees" else ("outside", "disagrees")
     return [
-        f"The {worst.what} of {worst.mark} {differs} most: predicted {1e3 * p.mean:.1f} mm "
+        f"The {worst.quantity} of {worst.marker} {differs} most: predicted {1e3 * p.mean:.1f} mm "
         f"({1e3 * p.low:.1f} to {1e3 * p.high:.1f}), filmed {1e3 * worst.tracked.mean:.1f} mm, {place} the "
         f"interval; {outside} of {len(known)} ranges and swings lie outside."
     ]

@@ -15,31 +15,31 @@ from typing import Any, Literal
 
 import numpy as np
 from scipy.optimize import least_squares
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from eldir.core.records import BoolArray, FloatArray
 from eldir.errors import InputError
 from eldir.parameters.springs import SpringParameters
-from eldir_calibration.springs.faults import (
-    Fault,
-    list_faults,
-    noise_of,
-    outliers,
-    require_few,
-    single_jumps,
-    stuck_samples,
-)
 from eldir_calibration.springs.model import SpringModel
-from eldir_calibration.springs.recording import SpringRecording
+from eldir_calibration.springs.recording import (
+    SensorFault,
+    SpringRecording,
+    estimate_noise,
+    find_jumps,
+    find_outliers,
+    find_stuck_samples,
+    group_faults,
+    require_few_faults,
+)
 
 _logger = logging.getLogger(__name__)
 
 _MAX_EVALUATIONS = 20  # of the model in one solution
-_ROUNDS = 2  # of leaving samples out
-_MAX_RATIO, _MAX_PART = 3.0, 0.02
+_OUTLIER_ROUNDS = 2  # of leaving samples out
+_MAX_MISFIT_RATIO, _MAX_MISFIT_SHARE = 3.0, 0.02
 """The model does not follow a recording if its residual is larger than the noise by this factor and than the
 span of the temperatures by this part."""
-_NEAR = 1.5  # a larger ratio of residual and noise is said
+_MAX_NOISE_RATIO = 1.5  # a larger ratio of residual and noise gives a remark
 _PRIOR_AMBIENT = 3.0  # how much the surroundings change from knot to knot, as a standard deviation [K]
 _MAX_LAG = 200  # samples over which residuals may err together
 _CONVECTION = {"loss_still": "convection_still", "loss_fan": "convection_fan"}
@@ -67,43 +67,43 @@ class SpringFit:
     also heat_capacity_times_mass [J/K], loss_still, loss_fan [W/K]."""
     residual: float
     """Root of the mean square between measured and modelled temperature [K], without the faults."""
-    left: tuple[str, ...]
-    """Names of parameters that the recording does not determine."""
+    unidentified: tuple[str, ...]
+    """Names of the parameters that the recording does not determine."""
     noise: float
     """Standard deviation of the noise from sample to sample [K]."""
-    faults: tuple[Fault, ...]
+    faults: tuple[SensorFault, ...]
     """Samples that were left out."""
-    surroundings: tuple[float, float]
-    """Temperature of the surroundings at the beginning and at the end [C]."""
+    ambient_range: tuple[float, float]
+    """Temperature of the surroundings at the start and at the end [C]."""
 
     @property
     def remarks(self) -> list[str]:
-        """What the user should know of the quality, one sentence each."""
-        said = []
-        if (ratio := self.residual / self.noise) > _NEAR:
-            said.append(
-                f"the residual is {ratio:.1f} times the noise of {self.noise:.2g} K: the model leaves "
-                "something out, such as the lag of the thermocouple; the intervals are wider for it"
+        """Remarks on the quality, one sentence each."""
+        remarks = []
+        if (ratio := self.residual / self.noise) > _MAX_NOISE_RATIO:
+            remarks.append(
+                f"the residual is {ratio:.1f} times the noise of {self.noise:.2g} K: the model lacks an "
+                "effect, such as the lag of the thermocouple; the intervals are wider for it"
             )
-        before, after = self.surroundings
+        before, after = self.ambient_range
         if abs(after - before) > 1.0:
-            said.append(f"the surroundings went from {before:.1f} to {after:.1f} C; ambient is their mean")
-        return said + [f"left out, not the spring's: {fault}" for fault in self.faults]
+            remarks.append(f"the surroundings went from {before:.1f} to {after:.1f} C; ambient is their mean")
+        return remarks + [f"left out as a fault of a sensor: {fault}" for fault in self.faults]
 
 
-def fit_springs(recording: SpringRecording, former: SpringParameters) -> SpringFit:
+def fit_spring(recording: SpringRecording, former: SpringParameters) -> SpringFit:
     """Fit the parameters; `former` gives the geometry, first guesses, and values that cannot be fitted.
 
     Raises `InputError` where too many samples are faults, where the model does not explain the recording, and
     where it does not determine a parameter.
     """
-    recording, faults = _without_jumps(recording)
-    resistance = _resistance(recording)
+    recording, faults = _repair_jumps(recording)
+    resistance = _fit_resistance(recording)
     ambient = float(np.median(recording.temperature[:3]))
     former = replace(former.with_resistance(resistance.value), ambient=ambient)
     model = SpringModel(recording, former, ambient)
-    names, left = model.determined()
-    noise = noise_of(recording.temperature)
+    names, unidentified = model.identifiable()
+    noise = estimate_noise(recording.temperature)
     solution = _solve(model, names, recording, noise)
     _logger.info(
         "fitted %s to %d samples, %d of them good",
@@ -111,17 +111,17 @@ def fit_springs(recording: SpringRecording, former: SpringParameters) -> SpringF
         len(recording.time),
         solution.good.sum(),
     )
-    faults += list_faults("temperature", ~solution.good, recording.time, recording.temperature)
-    require_few(faults, len(recording.time))
+    faults += group_faults("temperature", ~solution.good, recording.time, recording.temperature)
+    require_few_faults(faults, len(recording.time))
     _require_explained(solution, recording, noise)
     found = dict(zip(names, solution.x.tolist(), strict=True))
-    _require_inside(found, model)
-    estimates = _estimates(model, names, solution, former)
+    _require_within_bounds(found, model)
+    estimates = _estimate_parameters(model, names, solution, former)
     estimates["resistance"] = resistance
     parameters = model.parameters(found)
     if recording.length is not None and "latent_heat" in names:
-        lengths, bad = _lengths(model, names, solution, recording.length)
-        faults += list_faults("length", bad, recording.time, 1e3 * recording.length)
+        lengths, bad = _fit_lengths(model, names, solution, recording.length)
+        faults += group_faults("length", bad, recording.time, 1e3 * recording.length)
         estimates |= lengths
         parameters = replace(
             parameters,
@@ -133,7 +133,7 @@ def fit_springs(recording: SpringRecording, former: SpringParameters) -> SpringF
         parameters,
         estimates,
         float(np.sqrt(np.mean(solution.residuals[solution.good] ** 2))),
-        left,
+        unidentified,
         noise,
         tuple(faults),
         (float(around[0]), float(around[-1])),
@@ -155,12 +155,12 @@ def _solve(model: SpringModel, names: list[str], recording: SpringRecording, noi
     """The unknowns with a robust loss, then by least squares without the samples that are faults."""
     low, high = (np.array([model.bounds[n][k] for n in names]) for k in (0, 1))
     scale = np.array([max(abs(model.guess[n]), 1.0) if "_" in n else 1.0 for n in names])
-    stuck = stuck_samples(recording.temperature)
+    stuck = find_stuck_samples(recording.temperature)
     prior = _prior(model, names) * noise / _PRIOR_AMBIENT
 
     def usable(x: FloatArray) -> BoolArray:
         modelled = recording.temperature + model.residuals(names, x)
-        return ~stuck & ~outliers(modelled, recording.temperature, noise)
+        return ~stuck & ~find_outliers(modelled, recording.temperature, noise)
 
     def solve(start: FloatArray, good: BoolArray, loss: Literal["linear", "cauchy"]) -> Any:
         return least_squares(
@@ -176,7 +176,7 @@ def _solve(model: SpringModel, names: list[str], recording: SpringRecording, noi
 
     x = solve(np.array([model.guess[n] for n in names]), ~stuck, "cauchy").x
     good = usable(x)
-    for _ in range(_ROUNDS):
+    for _ in range(_OUTLIER_ROUNDS):
         solved = solve(x, good, "linear")
         x, before = solved.x, good
         good = usable(x)
@@ -185,8 +185,8 @@ def _solve(model: SpringModel, names: list[str], recording: SpringRecording, noi
     residuals = model.residuals(names, x)
     jacobian = np.concatenate([model.jacobian(names, x)[before], prior])
     freedom = max(int(before.sum()) - len(names), 1)
-    used = residuals[before]
-    variance = float(used @ used) / freedom * _together(used)
+    residuals_used = residuals[before]
+    variance = float(residuals_used @ residuals_used) / freedom * _correlation_factor(residuals_used)
     return _Solution(x, residuals, before, variance * np.linalg.pinv(jacobian.T @ jacobian), freedom)
 
 
@@ -199,7 +199,7 @@ def _prior(model: SpringModel, names: list[str]) -> FloatArray:
     return rows
 
 
-def _together(residuals: FloatArray) -> float:
+def _correlation_factor(residuals: FloatArray) -> float:
     """By which factor neighbouring residuals that err together raise the variance of a mean: one and twice
     the sum of their correlations, up to the first that is not larger than chance."""
     r = residuals - residuals.mean()
@@ -213,14 +213,14 @@ def _together(residuals: FloatArray) -> float:
     return factor
 
 
-def _estimates(
+def _estimate_parameters(
     model: SpringModel, names: list[str], solution: _Solution, former: SpringParameters
 ) -> dict[str, ParameterEstimate]:
     """What is reported: the unknowns themselves, and what follows from them."""
 
     def estimate(weights: FloatArray) -> ParameterEstimate:
         variance = float(weights @ solution.covariance @ weights)
-        margin = float(student.ppf(0.975, solution.freedom)) * np.sqrt(max(variance, 0.0))
+        margin = float(stdtrit(solution.freedom, 0.975)) * np.sqrt(max(variance, 0.0))
         return ParameterEstimate(float(weights @ solution.x), float(margin))
 
     unit = dict(zip(names, np.eye(len(names)), strict=True))
@@ -233,16 +233,18 @@ def _estimates(
         if loss in names:
             found[convection] = estimate(unit[loss] / model.area)
     found["heat_capacity_times_mass"] = estimate(unit["heat_capacity"] * former.mass)
-    mean = estimate(model.mean_ambient(names))
-    found["ambient"] = replace(mean, value=mean.value + model.measured_ambient)
+    mean = estimate(model.mean_ambient_weights(names))
+    found["ambient"] = replace(mean, value=mean.value + model.mean_measured_ambient)
     return found
 
 
 def _require_explained(solution: _Solution, recording: SpringRecording, noise: float) -> None:
-    used = solution.residuals[solution.good]
-    rms = float(np.sqrt(np.mean(used**2)))
-    if rms > _MAX_RATIO * noise and rms > _MAX_PART * float(np.ptp(recording.temperature[solution.good])):
-        worst = float(recording.time[solution.good][np.abs(used).argmax()])
+    residuals_used = solution.residuals[solution.good]
+    rms = float(np.sqrt(np.mean(residuals_used**2)))
+    if rms > _MAX_MISFIT_RATIO * noise and rms > _MAX_MISFIT_SHARE * float(
+        np.ptp(recording.temperature[solution.good])
+    ):
+        worst = float(recording.time[solution.good][np.abs(residuals_used).argmax()])
         raise InputError(
             "the heat model does not explain the recording",
             code="spring.model-misfit",
@@ -252,7 +254,7 @@ def _require_explained(solution: _Solution, recording: SpringRecording, noise: f
         )
 
 
-def _require_inside(found: dict[str, float], model: SpringModel) -> None:
+def _require_within_bounds(found: dict[str, float], model: SpringModel) -> None:
     for name, value in found.items():
         low, high = model.bounds[name]
         if not name.startswith("switch") and min(value - low, high - value) < 1e-3 * (high - low):
@@ -265,42 +267,47 @@ def _require_inside(found: dict[str, float], model: SpringModel) -> None:
             )
 
 
-def _without_jumps(recording: SpringRecording) -> tuple[SpringRecording, list[Fault]]:
+def _repair_jumps(recording: SpringRecording) -> tuple[SpringRecording, list[SensorFault]]:
     """The recording with single wrong samples of the current replaced by the mean of their neighbours."""
-    jumps = single_jumps(recording.current)
-    faults = list_faults("current", jumps, recording.time, recording.current)
+    jumps = find_jumps(recording.current)
+    faults = group_faults("current", jumps, recording.time, recording.current)
     current = recording.current.copy()
     current[jumps] = np.interp(recording.time[jumps], recording.time[~jumps], current[~jumps])
     return replace(recording, current=current), faults
 
 
-def _resistance(recording: SpringRecording) -> ParameterEstimate:
+def _fit_resistance(recording: SpringRecording) -> ParameterEstimate:
     """Median of U / I while it is heated [Ohm]."""
     values = recording.voltage[recording.heated] / recording.current[recording.heated]
     median = float(np.median(values))
     spread = 1.4826 * float(np.median(np.abs(values - median)))
     margin = 1.2533 * spread / np.sqrt(len(values)) if len(values) > 2 else np.inf
-    return ParameterEstimate(median, float(student.ppf(0.975, max(len(values) - 1, 1)) * margin))
+    return ParameterEstimate(median, float(stdtrit(max(len(values) - 1, 1), 0.975) * margin))
 
 
-def _lengths(
+def _fit_lengths(
     model: SpringModel, names: list[str], solution: _Solution, length: FloatArray
 ) -> tuple[dict[str, ParameterEstimate], BoolArray]:
     """Cold and hot length by a straight line over the martensite fraction, and samples that are not on it.
     Their errors hold those of the fraction."""
-    fraction, nudged, steps = model.fractions(names, solution.x)
+    fraction, perturbed, steps = model.martensite_fractions(names, solution.x)
     basis = np.stack([fraction, 1.0 - fraction], axis=1)
-    good = ~stuck_samples(length)
-    for _ in range(_ROUNDS):
+    good = ~find_stuck_samples(length)
+    for _ in range(_OUTLIER_ROUNDS):
         line, *_ = np.linalg.lstsq(basis[good], length[good], rcond=None)
-        good = good & ~outliers(basis @ line, length, noise_of(length))
+        good = good & ~find_outliers(basis @ line, length, estimate_noise(length))
     inverse = np.linalg.pinv(basis[good])
     line = inverse @ length[good]
-    used = length[good] - basis[good] @ line
-    freedom = len(used) - 2
-    scatter = float(used @ used) / freedom * _together(used) * (inverse @ inverse.T)
-    moved = inverse @ ((fraction[:, None] - nudged)[good] * (line[0] - line[1])) / steps
-    deviation = np.sqrt(np.diag(scatter + moved @ solution.covariance @ moved.T))
-    margins = student.ppf(0.975, freedom) * deviation
+    residuals_used = length[good] - basis[good] @ line
+    freedom = len(residuals_used) - 2
+    scatter = (
+        float(residuals_used @ residuals_used)
+        / freedom
+        * _correlation_factor(residuals_used)
+        * (inverse @ inverse.T)
+    )
+    sensitivities = inverse @ ((fraction[:, None] - perturbed)[good] * (line[0] - line[1])) / steps
+    deviation = np.sqrt(np.diag(scatter + sensitivities @ solution.covariance @ sensitivities.T))
+    margins = stdtrit(freedom, 0.975) * deviation
     pairs = zip(("cold_length", "hot_length"), line.tolist(), margins.tolist(), strict=True)
     return {name: ParameterEstimate(v, m) for name, v, m in pairs}, ~good

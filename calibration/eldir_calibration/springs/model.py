@@ -16,9 +16,11 @@ from eldir_calibration.springs.recording import SpringRecording
 _STEP = 0.2  # of the model [s]
 _AMBIENT_STEPS = 25  # the temperature of the surroundings changes in stairs of so many steps
 _HIGH_VOLTAGE = 1e6  # of a supply that always gives its current [V]
-_NUDGE = 1e-3  # for derivatives, relative, in kelvin or in seconds
-_BLIND = 0.02  # a parameter is not determined where 0.1 % of it moves no temperature by more [K]
-_KNOTS_EVERY = 60.0  # [s]
+_PERTURBATION = 1e-3  # for derivatives, relative, in kelvin or in seconds
+_MIN_SENSITIVITY = (
+    0.02  # a parameter is not identifiable where 0.1 % of it changes no temperature by more [K]
+)
+_KNOT_INTERVAL = 60.0  # [s]
 _MAX_KNOTS = 6
 _MAX_SWITCHES = 12
 
@@ -39,53 +41,71 @@ class SpringModel:
         time, current = recording.time, recording.current
         steps = int(np.ceil((time[-1] - time[0]) / _STEP))
         self._grid = time[0] + _STEP * np.arange(steps + 1)
+        self._midpoints = (time[1:] + time[:-1]) / 2
         middle = self._grid[:-1] + _STEP / 2
-        self._between = (time[1:] + time[:-1]) / 2
-        at = np.searchsorted(self._between, middle)
-        self._fan = recording.fan[at]
-        self._peak = float(current.max())
-        self._parts = self._constant_parts()
-        around, measured = recording.ambient, recording.ambient is not None
-        self._measured = np.zeros(steps) if around is None else np.interp(middle, time, around)
-        count = 1 if measured else int(np.clip((time[-1] - time[0]) / _KNOTS_EVERY + 1, 2, _MAX_KNOTS))
-        self.knots = tuple(f"ambient_{i}" for i in range(count))
-        self._weights = np.stack(
-            [
-                np.interp(middle, np.linspace(time[0], time[-1], count), row) if count > 1 else np.ones(steps)
-                for row in np.eye(count)
-            ]
-        )
-        edges = np.flatnonzero(np.abs(np.diff(current)) > 0.5 * self._peak)
-        self._edges = edges if len(edges) <= _MAX_SWITCHES else edges[:0]
-        area = np.pi * former.wire_diameter * former.wire_length
-        self.area = area
-        self.guess = {
+        self._fan = recording.fan[np.searchsorted(self._midpoints, middle)]
+        self._max_current = float(current.max())
+        self._segments = self._constant_segments()
+        self.area = np.pi * former.wire_diameter * former.wire_length
+        """Surface of the wire [m2]."""
+        self.guess = self._first_guess()
+        self.bounds = self._parameter_bounds()
+        self._add_ambient(middle, ambient)
+        self._add_switches()
+        self.guess = {n: float(np.clip(x, *self.bounds[n])) for n, x in self.guess.items()}
+
+    def _first_guess(self) -> dict[str, float]:
+        former = self._former
+        return {
             "heat_capacity": former.heat_capacity,
             "latent_heat": former.latent_heat,
-            "loss_still": former.convection_still * area,
-            "loss_fan": former.convection_fan * area,
+            "loss_still": former.convection_still * self.area,
+            "loss_fan": former.convection_fan * self.area,
             "austenite_start": former.austenite_start,
             "austenite_width": former.austenite_finish - former.austenite_start,
             "martensite_start": former.martensite_start,
             "martensite_width": former.martensite_start - former.martensite_finish,
         }
-        self.bounds: dict[str, Bounds] = {
-            "heat_capacity": (0.3 * former.heat_capacity, 4.0 * former.heat_capacity),
+
+    def _parameter_bounds(self) -> dict[str, Bounds]:
+        return {
+            "heat_capacity": (0.3 * self._former.heat_capacity, 4.0 * self._former.heat_capacity),
             "latent_heat": (1.0, 60_000.0),
-            "loss_still": (area, 300.0 * area),
-            "loss_fan": (area, 1500.0 * area),
+            "loss_still": (self.area, 300.0 * self.area),
+            "loss_fan": (self.area, 1500.0 * self.area),
             "austenite_start": (-10.0, 150.0),
             "austenite_width": (1.0, 80.0),
             "martensite_start": (-10.0, 150.0),
             "martensite_width": (1.0, 80.0),
         }
+
+    def _add_ambient(self, middle: FloatArray, ambient: float) -> None:
+        """Add the unknowns of the surroundings' temperature: knots, or the offset of a measured one."""
+        time, measured = self._recording.time, self._recording.ambient
+        self._measured_ambient = np.zeros(len(middle))
+        count = int(np.clip((time[-1] - time[0]) / _KNOT_INTERVAL + 1, 2, _MAX_KNOTS))
+        if measured is not None:
+            self._measured_ambient, count = np.interp(middle, time, measured), 1
+        self.knots = tuple(f"ambient_{i}" for i in range(count))
+        knot_times = np.linspace(time[0], time[-1], count)
+        self._knot_weights = np.stack(
+            [
+                np.interp(middle, knot_times, row) if count > 1 else np.ones(len(middle))
+                for row in np.eye(count)
+            ]
+        )
         for knot in self.knots:
-            self.guess[knot] = 0.0 if measured else ambient
+            self.guess[knot] = ambient if measured is None else 0.0
             self.bounds[knot] = (self.guess[knot] - 30.0, self.guess[knot] + 30.0)
+
+    def _add_switches(self) -> None:
+        """Add the instants at which the current was switched."""
+        time = self._recording.time
+        edges = np.flatnonzero(np.abs(np.diff(self._recording.current)) > 0.5 * self._max_current)
+        self._edges = edges if len(edges) <= _MAX_SWITCHES else edges[:0]
         for i, k in enumerate(self._edges):
-            self.guess[f"switch_{i}"] = float(self._between[k])
+            self.guess[f"switch_{i}"] = float(self._midpoints[k])
             self.bounds[f"switch_{i}"] = (float(time[k]), float(time[k + 1]))
-        self.guess = {n: float(np.clip(x, *self.bounds[n])) for n, x in self.guess.items()}
 
     def parameters(self, values: dict[str, float]) -> SpringParameters:
         """The former parameters with these values instead; the surroundings have their mean temperature."""
@@ -105,27 +125,29 @@ class SpringModel:
 
     def surroundings(self, values: dict[str, float]) -> FloatArray:
         """Temperature of the surroundings in each step of the model [C], shape (T,)."""
-        return self._measured + np.array([values[k] for k in self.knots]) @ self._weights
+        return self._measured_ambient + np.array([values[k] for k in self.knots]) @ self._knot_weights
 
-    def mean_ambient(self, names: list[str]) -> FloatArray:
+    def mean_ambient_weights(self, names: list[str]) -> FloatArray:
         """Weight of each unknown in the mean temperature of the surroundings, shape (P,)."""
-        shares = dict(zip(self.knots, self._weights.mean(axis=1).tolist(), strict=True))
+        shares = dict(zip(self.knots, self._knot_weights.mean(axis=1).tolist(), strict=True))
         return np.array([shares.get(n, 0.0) for n in names])
 
     @property
-    def measured_ambient(self) -> float:
+    def mean_measured_ambient(self) -> float:
         """Mean of the measured temperature of the surroundings [C]; 0 where it was not measured."""
-        return float(self._measured.mean())
+        return float(self._measured_ambient.mean())
 
-    def determined(self) -> tuple[list[str], tuple[str, ...]]:
-        """Unknowns that the recording may determine, and parameters that it does not."""
+    def identifiable(self) -> tuple[list[str], tuple[str, ...]]:
+        """Names of the unknowns that the recording may determine, and of the parameters that it does not."""
         names = list(self.guess)
-        moved = np.abs(self.jacobian(names, np.array(list(self.guess.values()))))
+        changes = np.abs(self.jacobian(names, np.array(list(self.guess.values()))))
         relative = ("heat_capacity", "latent_heat", "loss_still", "loss_fan")
         scale = np.array([abs(self.guess[n]) if n in relative else 1.0 for n in names])
-        seen = (moved * scale).max(axis=0) > 10 * _BLIND
-        return [n for n, s in zip(names, seen, strict=True) if s], tuple(
-            n for n, s in zip(names, seen, strict=True) if not s and not n.startswith(("ambient", "switch"))
+        sensitive = (changes * scale).max(axis=0) > 10 * _MIN_SENSITIVITY
+        return [n for n, s in zip(names, sensitive, strict=True) if s], tuple(
+            n
+            for n, s in zip(names, sensitive, strict=True)
+            if not s and not n.startswith(("ambient", "switch"))
         )
 
     def residuals(self, names: list[str], x: FloatArray) -> FloatArray:
@@ -134,72 +156,78 @@ class SpringModel:
 
     def jacobian(self, names: list[str], x: FloatArray) -> FloatArray:
         """Derivatives of the residuals, shape (N, P); all perturbed springs run in one run of the model."""
-        base, nudged, steps = self._model(tuple(names), tuple(x))
-        return (nudged - base[:, None]) / steps
+        base, perturbed, steps = self._model(tuple(names), tuple(x))
+        return (perturbed - base[:, None]) / steps
 
-    def fractions(self, names: list[str], x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Martensite fraction at the samples (N,), with each unknown nudged (N, P), and the nudges (P,)."""
-        each, steps = self._nudged(tuple(names), tuple(x))
-        _, fraction = self._run(each)
+    def martensite_fractions(
+        self, names: list[str], x: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Martensite fraction at the samples (N,), with each unknown perturbed (N, P), and the perturbations
+        (P,)."""
+        variants, steps = self._perturb(tuple(names), tuple(x))
+        _, fraction = self._simulate(variants)
         return fraction[:, 0], fraction[:, 1:], steps
 
     @lru_cache(maxsize=4)  # noqa: B019  the solver asks for residuals and derivatives at the same point
     def _model(
         self, names: tuple[str, ...], x: tuple[float, ...]
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        each, steps = self._nudged(names, x)
-        temperature, _ = self._run(each)
+        variants, steps = self._perturb(names, x)
+        temperature, _ = self._simulate(variants)
         return temperature[:, 0], temperature[:, 1:], steps
 
-    def _nudged(
+    def _perturb(
         self, names: tuple[str, ...], x: tuple[float, ...]
     ) -> tuple[list[dict[str, float]], FloatArray]:
-        """The values, then those with each unknown in turn a little larger; and by how much, shape (P,)."""
+        """The values, then the values with one unknown after the other perturbed; and the perturbations
+        (P,)."""
         values = self.guess | dict(zip(names, x, strict=True))
         absolute = ("ambient", "switch", "austenite", "martensite")
-        steps = np.array([_NUDGE if n.startswith(absolute) else _NUDGE * abs(values[n]) for n in names])
+        steps = np.array(
+            [_PERTURBATION if n.startswith(absolute) else _PERTURBATION * abs(values[n]) for n in names]
+        )
         return [values, *(values | {n: values[n] + h} for n, h in zip(names, steps, strict=True))], steps
 
-    def _run(self, each: list[dict[str, float]]) -> tuple[FloatArray, FloatArray]:
+    def _simulate(self, variants: list[dict[str, float]]) -> tuple[FloatArray, FloatArray]:
         """Temperatures and fractions at the samples, shape (N, P) each."""
         springs = [
             replace(
                 self.parameters(v),
-                current_limit=self._peak,
+                current_limit=self._max_current,
                 supply_voltage=_HIGH_VOLTAGE,
                 lead_resistance=0.0,
             )
-            for v in each
+            for v in variants
         ]
-        on = np.stack([self._heating(v) for v in each], axis=1)
-        ambient = np.stack([self.surroundings(v) for v in each], axis=1)
-        still, moved = (HeatModel([replace(p, fan=fan) for p in springs]) for fan in (False, True))
+        on = np.stack([self._heating(v) for v in variants], axis=1)
+        ambient = np.stack([self.surroundings(v) for v in variants], axis=1)
+        still_air, moving_air = (HeatModel([replace(p, fan=fan) for p in springs]) for fan in (False, True))
         state = SpringState(ambient[0], np.ones(len(springs)))
         temperature, fraction = [state.temperature], [state.martensite]
-        for a, b in self._parts:
-            model = (moved if self._fan[a] else still).in_air(ambient[a:b].mean(axis=0))
+        for a, b in self._segments:
+            model = (moving_air if self._fan[a] else still_air).with_ambient(ambient[a:b].mean(axis=0))
             history = model.run(on[a:b], _STEP, state)
             state = history.final
             temperature += list(history.temperature)
             fraction += list(history.martensite)
-        return self._sampled(temperature), self._sampled(fraction)
+        return self._resample(temperature), self._resample(fraction)
 
     def _heating(self, values: dict[str, float]) -> FloatArray:
         """Part of the strongest heating in each step of the model, shape (T,): the square of the current,
         which changes half-way between samples, or at its switch."""
-        time, breaks = self._recording.time, self._between.copy()
+        time, breaks = self._recording.time, self._midpoints.copy()
         breaks[self._edges] = [values[f"switch_{i}"] for i in range(len(self._edges))]
         nodes = np.concatenate([time[:1], breaks, time[-1:]])
-        square = (self._recording.current / self._peak) ** 2
+        square = (self._recording.current / self._max_current) ** 2
         energy = np.concatenate([[0.0], np.cumsum(square * np.diff(nodes))])
         return np.clip(np.diff(np.interp(self._grid, nodes, energy)) / _STEP, 0.0, None)
 
-    def _constant_parts(self) -> list[tuple[int, int]]:
+    def _constant_segments(self) -> list[tuple[int, int]]:
         """First and last step of each part in which fan and surroundings stay the same."""
         changes = np.flatnonzero(np.diff(self._fan)) + 1
         cuts = sorted({*changes.tolist(), *range(0, len(self._fan), _AMBIENT_STEPS), len(self._fan)})
         return list(pairwise(cuts))
 
-    def _sampled(self, rows: list[FloatArray]) -> FloatArray:
+    def _resample(self, rows: list[FloatArray]) -> FloatArray:
         times = self._recording.time
         return np.stack([np.interp(times, self._grid, column) for column in np.array(rows).T], axis=1)

@@ -1,4 +1,4 @@
-"""Predicted walks of designs beside their walks in MuJoCo, and the page that tells how far they agree.
+"""Comparison of predicted walks of designs with their walks in MuJoCo, and its page.
 
 A film of a robot is compared in `eldir_calibration.report`.
 """

@@ -9,24 +9,23 @@ from typing import Literal
 import numpy as np
 
 from eldir.built.gait import CYCLES, FreeLengths, Gait, free_lengths
-from eldir.built.robot import build
-from eldir.built.statics import least_opening
-from eldir.built.walking import FOLDED, TOPPLED, rotation
+from eldir.built.robot import build, min_area_ratio
+from eldir.built.walking import FOLDED_AREA_RATIO, TOPPLED_ANGLE, rotation
 from eldir.core.records import FloatArray
 from eldir.design import Design
 from eldir.errors import EldirError
 from eldir.morphology import Morphology
 from eldir.parameters.springs import SpringParameters
 from eldir_cad.multibody.model import Multibody, Numerics
-from eldir_hardware.virtual.mujoco_body import MujocoMotion, drawn_multibody
+from eldir_hardware.virtual.mujoco_body import MujocoMotion, sample_multibody
 
-FINE = Numerics(step=1e-4, contact_time=2e-4)
+FINE_NUMERICS = Numerics(step=1e-4, contact_time=2e-4)
 """Three times as fine as on the virtual rig: walks of small robots change by up to a third between both, and
 by 0.02 beyond this (docs/reference/second-physics-measured.md)."""
-_SAMPLE = 20  # rows of free lengths between positions kept: one second
+_SAMPLE_ROWS = 20  # rows of free lengths between positions kept: one second
 _FACES = 2
 
-Fault = Literal["", "turns over", "folds", "buckles a coil", "fails"]
+WalkFault = Literal["", "turns over", "folds", "buckles a coil", "fails"]
 
 
 @dataclass(frozen=True)
@@ -35,74 +34,79 @@ class MujocoWalk:
 
     displacement: float
     """[Body lengths per five cycles]; minus infinity where it falls, in the sense of `fault`."""
-    fault: Fault = ""
+    fault: WalkFault = ""
     """Why it does not count as a walk: "turns over" (by 45 degrees), "folds" (a triangle), "buckles a coil",
     or "fails" (the simulation); empty if it walks."""
 
 
-def drawn_walk(
-    design: Design, gait: Gait, seed: int, springs: SpringParameters, cycles: int, ended: Event | None = None
+def walk_sampled_robot(
+    design: Design,
+    gait: Gait,
+    seed: int,
+    springs: SpringParameters,
+    cycles: int,
+    cancelled: Event | None = None,
 ) -> MujocoWalk:
     """Walk of the robot that a seed gives the virtual rig.
 
     Robot, feet, slope of the table and each spring deviate by the seed. `springs`: their mean. `cycles` are
-    counted, after one that is not. Once `ended` is set it gives up.
+    counted, after one that is not. Once `cancelled` is set it gives up.
     """
-    model = replace(drawn_multibody(design.morphology, seed, design.ballast), numerics=FINE)
-    heating = drawn_heating(gait, seed, springs, cycles)
-    return measured_walk(model, design.morphology, heating, cycles, springs, ended)
+    model = replace(sample_multibody(design.morphology, seed, design.ballast), numerics=FINE_NUMERICS)
+    heating = sample_heating(gait, seed, springs, cycles)
+    return measure_walk(model, design.morphology, heating, cycles, springs, cancelled)
 
 
-def drawn_heating(gait: Gait, seed: int, springs: SpringParameters, cycles: int) -> FreeLengths:
+def sample_heating(gait: Gait, seed: int, springs: SpringParameters, cycles: int) -> FreeLengths:
     """Free lengths of motors whose springs, one on each face, deviate by the seed; a motor follows their
     mean."""
     deviations = np.random.default_rng([seed, 3])
     motors = len(gait.phase)
-    own = [springs.perturbed(deviations) for _ in range(_FACES * motors)]
+    own = [springs.perturb(deviations) for _ in range(_FACES * motors)]
     both = Gait(gait.period, np.repeat(gait.phase, _FACES), np.repeat(gait.duty, _FACES))
     table = free_lengths(both, own, cycles)
     return replace(table, lengths=table.lengths.reshape(-1, motors, _FACES).mean(axis=2))
 
 
-def measured_walk(
+def measure_walk(
     model: Multibody,
     morphology: Morphology,
     table: FreeLengths,
     cycles: int,
     springs: SpringParameters,
-    ended: Event | None = None,
+    cancelled: Event | None = None,
 ) -> MujocoWalk:
     """Walk of a model of this body under prescribed free lengths. Raises `MissingDependencyError` without
     MuJoCo."""
     free = springs.cold_length, springs.hot_length
     motion = MujocoMotion(model, free)
     positions, shortened = [motion.positions], []
-    for row in range(0, len(table.lengths) - _SAMPLE, _SAMPLE):
-        if ended is not None and ended.is_set():
+    for row in range(0, len(table.lengths) - _SAMPLE_ROWS, _SAMPLE_ROWS):
+        if cancelled is not None and cancelled.is_set():
             return MujocoWalk(-np.inf, "fails")
         try:
-            motion.follow(table.lengths[row : row + _SAMPLE + 1], table.interval)
+            motion.follow(table.lengths[row : row + _SAMPLE_ROWS + 1], table.interval)
         except EldirError:
             return MujocoWalk(-np.inf, "fails")
         positions.append(motion.positions)
-        between_hinges, _ = model.coil_commands(table.lengths[row + _SAMPLE][None], free)
+        between_hinges, _ = model.coil_commands(table.lengths[row + _SAMPLE_ROWS][None], free)
         shortened.append(between_hinges[0] - motion.coil_lengths)
-    return _measured(morphology, np.array(positions), np.array(shortened), table, cycles)
+    return evaluate_walk(morphology, np.array(positions), np.array(shortened), table, cycles)
 
 
-def _measured(
+def evaluate_walk(
     morphology: Morphology, positions: FloatArray, shortened: FloatArray, table: FreeLengths, cycles: int
 ) -> MujocoWalk:
-    """`positions` [m] every `_SAMPLE` rows of the table, shape (T + 1, M, 2); `shortened`: how much shorter
-    than free each coil is between its hinges [m], in all of them but the first, shape (T, A)."""
+    """`positions` [m] every `_SAMPLE_ROWS` rows of the table, shape (T + 1, M, 2); `shortened`: how much
+    shorter than free each coil is between its hinges [m], in all of them but the first, shape (T, A)."""
     robot = build(morphology)
-    if np.abs(rotation(robot.positions, positions)).max() > TOPPLED:
+    if np.abs(rotation(robot.positions, positions)).max() > TOPPLED_ANGLE:
         return MujocoWalk(-np.inf, "turns over")
     # Hubs may touch each other: MuJoCo knows their contact.
-    if least_opening(robot, positions) < FOLDED:
+    if min_area_ratio(robot, positions) < FOLDED_AREA_RATIO:
         return MujocoWalk(-np.inf, "folds")
-    most = SpringParameters().buckling_shortening(table.lengths[_SAMPLE::_SAMPLE][: len(shortened)])
+    most = SpringParameters().buckling_shortening(table.lengths[_SAMPLE_ROWS::_SAMPLE_ROWS][: len(shortened)])
     if (shortened > most).any():
         return MujocoWalk(-np.inf, "buckles a coil")
-    forward = positions[-1, :, 0].mean() - positions[table.first_cycle // _SAMPLE, :, 0].mean()
+    forward = positions[-1, :, 0].mean() - positions[table.first_cycle // _SAMPLE_ROWS, :, 0].mean()
     return MujocoWalk(float(forward / robot.body_length * CYCLES / cycles))

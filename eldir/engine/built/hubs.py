@@ -1,16 +1,17 @@
 """Hubs of a printed robot: rigid hexagons whose sockets hold the strips, and that stand on their corners.
 
 For robots with `eldir.parameters.printed.BuiltParameters.with_hubs`; those with pins or clamped strips are
-computed by `impulses` and `integration`, which are shorter and have slopes. `now` are values (`GroupArrays`).
+computed by `impulses` and `integration`, which are shorter and have tangents. `now` are values
+(`GroupArrays`).
 
 Angles between a hub and a strip come from five terms of the arc sine's series, without a division: up to 30
-degrees they are right to 1e-5, at 45 degrees to 6e-4. Beyond a right angle nothing changes any more.
+degrees they are right to 1e-5, at 45 degrees to 6e-4. Beyond a right angle they stay constant.
 """
 
-from types import SimpleNamespace
 from typing import Any, NamedTuple
 
-from eldir.engine.built import strip
+from eldir.engine.built.motion_launch import ONE, ZERO, LaneVector
+from eldir.engine.built.strip import bending_angle, end_moments, interpolate, strip_tension
 from eldir.engine.compiler import ti
 
 _COS60, _SIN60 = 0.5, 0.75**0.5
@@ -21,7 +22,7 @@ class Hinges(NamedTuple):
     """A spring between its hinges."""
 
     ax: Any
-    """Unit vector in the first hub towards that hub's centre from its hinge; at rest, along the spring."""
+    """Unit vector in the first hub from its hinge to that hub's centre; at rest, along the spring."""
     ay: Any
     bx: Any
     """The same vector in the second hub."""
@@ -39,145 +40,157 @@ class Hinges(NamedTuple):
     """Angular velocity of the spring [rad/s]."""
 
 
-def functions(lane: Any) -> SimpleNamespace:
-    """Impulses and motion, for one type of vector."""
-    zero, one = lane(0.0), lane(1.0)
-    element = strip.functions(lane)
+@ti.func
+def clamp(value, limit):
+    return ti.max(ti.min(value, limit), ZERO - limit)
 
-    @ti.func
-    def within(value, most):
-        return ti.max(ti.min(value, most), zero - most)
 
-    @ti.func
-    def between(table: ti.template(), q, active, part):
-        return table[q] + part * (table[q + active] - table[q])
+@ti.func
+def hinges(group: ti.template(), now: ti.template(), s, a, b):
+    """Position and motion of the hinges of spring s between hubs a and b."""
+    ex, ey = group.direction[2 * s], group.direction[2 * s + 1]
+    ax, ay = now.cosine[a] * ex - now.sine[a] * ey, now.sine[a] * ex + now.cosine[a] * ey
+    bx, by = now.cosine[b] * ex - now.sine[b] * ey, now.sine[b] * ex + now.cosine[b] * ey
+    dx = now.x[a] - now.x[b] - now.socket * (ax + bx)
+    dy = now.y[a] - now.y[b] - now.socket * (ay + by)
+    ux = now.vx[a] - now.vx[b] + now.socket * (now.spin[a] * ay + now.spin[b] * by)
+    uy = now.vy[a] - now.vy[b] - now.socket * (now.spin[a] * ax + now.spin[b] * bx)
+    length = ti.sqrt(dx * dx + dy * dy) + 1e-12  # never divides by 0
+    per_length = ONE / length
+    nx, ny = dx * per_length, dy * per_length
+    rate, turning = ux * nx + uy * ny, (nx * uy - ny * ux) * per_length
+    return ti.static(Hinges(ax, ay, bx, by, nx, ny, length, rate, per_length, turning))
 
-    @ti.func
-    def hinges(group: ti.template(), now: ti.template(), s, a, b):
-        ex, ey = group.direction[2 * s], group.direction[2 * s + 1]
-        ax, ay = now.cosine[a] * ex - now.sine[a] * ey, now.sine[a] * ex + now.cosine[a] * ey
-        bx, by = now.cosine[b] * ex - now.sine[b] * ey, now.sine[b] * ex + now.cosine[b] * ey
-        dx = now.x[a] - now.x[b] - now.socket * (ax + bx)
-        dy = now.y[a] - now.y[b] - now.socket * (ay + by)
-        ux = now.vx[a] - now.vx[b] + now.socket * (now.spin[a] * ay + now.spin[b] * by)
-        uy = now.vy[a] - now.vy[b] - now.socket * (now.spin[a] * ax + now.spin[b] * bx)
-        length = ti.sqrt(dx * dx + dy * dy) + 1e-12  # never divides by 0
-        per_length = one / length
-        nx, ny = dx * per_length, dy * per_length
-        rate, turning = ux * nx + uy * ny, (nx * uy - ny * ux) * per_length
-        return ti.static(Hinges(ax, ay, bx, by, nx, ny, length, rate, per_length, turning))
 
-    @ti.func
-    def angle(nx, ny, tx, ty):
-        """Angle from unit vector n to t; at most a right angle."""
-        across, along = nx * ty - ny * tx, nx * tx + ny * ty
-        across = ti.select(along > zero, across, ti.select(across < zero, zero - one, one))
-        square, series = across * across, lane(_ARC_SINE[-1])
-        for factor in ti.static(_ARC_SINE[-2::-1]):
-            series = lane(factor) + square * series
-        return across * series
+@ti.func
+def angle_between(nx, ny, tx, ty):
+    """Angle from unit vector n to t; at most a right angle."""
+    sine, cosine = nx * ty - ny * tx, nx * tx + ny * ty
+    sine = ti.select(cosine > ZERO, sine, ti.select(sine < ZERO, ZERO - ONE, ONE))
+    square, series = sine * sine, LaneVector(_ARC_SINE[-1])
+    for factor in ti.static(_ARC_SINE[-2::-1]):
+        series = LaneVector(factor) + square * series
+    return sine * series
 
-    @ti.func
-    def friction(group: ti.template(), now: ti.template(), at, turned, ahead):
-        """Impulse of a socket's friction on its hub: an elastic bristle, dragged along when it gives way."""
-        held = now.bristle[at]
-        strain = within(turned - held, now.sticks)
-        now.bristle[at] = turned - strain
-        return group.dt * now.socket_friction / now.sticks * within(ahead - now.bristle[at], now.sticks)
 
-    @ti.func
-    def pull(group: ti.template(), now: ti.template(), first, part):
-        """All springs add their impulses, as `impulses.functions(...).pull` does."""
-        for k in range(group.springs):
-            s = group.spring_at + k
-            a, b = group.ends[2 * s], group.ends[2 * s + 1]
-            h = ti.static(hinges(group, now, s, a, b))
-            force = now.damping[s] * h.rate
-            ma, mb = lane(0.0), lane(0.0)
-            if k < group.active:  # a shape-memory spring: Hooke's law, its ends turn freely
-                free = between(now.free_length, first + k, group.active, part) - 2.0 * now.socket
-                stiff = between(now.spring_rate, first + k, group.active, part)
-                force += stiff * (h.length - free)
-            else:
-                rest = now.rest_length[s] - 2.0 * now.socket
-                force += element.tension(h.length, rest, now.stiffness[s], now.buckling[s])
-                ma, mb = bend(group, now, s, a, b, h)
-            couple = (ma + mb) * h.per_length
-            fx = group.dt * force * h.nx + couple * h.ny
-            fy = group.dt * force * h.ny - couple * h.nx
-            now.impulse_x[a] = now.impulse_x[a] - fx
-            now.impulse_y[a] = now.impulse_y[a] - fy
-            now.impulse_x[b] = now.impulse_x[b] + fx
-            now.impulse_y[b] = now.impulse_y[b] + fy
-            now.moment[a] = now.moment[a] + (now.socket * (h.ax * fy - h.ay * fx) - ma)
-            now.moment[b] = now.moment[b] + (now.socket * (h.bx * fy - h.by * fx) - mb)
+@ti.func
+def socket_friction(group: ti.template(), now: ti.template(), at, rotation, delayed_rotation):
+    """Angular impulse of a socket's friction on its hub: an elastic bristle, dragged along when it slips
+    (Dahl's model of friction)."""
+    bristle = now.bristle[at]
+    strain = clamp(rotation - bristle, now.slip_angle)
+    now.bristle[at] = rotation - strain
+    return (
+        group.dt
+        * now.socket_friction
+        / now.slip_angle
+        * clamp(delayed_rotation - now.bristle[at], now.slip_angle)
+    )
 
-    @ti.func
-    def bend(group: ti.template(), now: ti.template(), s, a, b, h: ti.template()):
-        """A strip turns in its sockets with friction, and bends beyond their play: the angular impulses that
-        it takes from its hubs."""
-        pa, pb = angle(h.nx, h.ny, h.ax, h.ay), angle(h.nx, h.ny, h.bx, h.by)
-        da = pa + now.delay * (now.spin[a] - h.turning)
-        db = pb + now.delay * (now.spin[b] - h.turning)
-        ea, eb = da - within(da, now.play), db - within(db, now.play)
-        qa, qb = element.bent(da, eb, now.play), element.bent(db, ea, now.play)
-        ma, mb = element.moments(group.dt * now.bending[s], qa, qb)
-        ma += friction(group, now, 2 * s, pa, da)
-        mb += friction(group, now, 2 * s + 1, pb, db)
-        return ma, mb
 
-    @ti.func
-    def lowest(cosine, sine):
-        """Cosine and sine of the hub's rotation from the nearest pose in which a corner points down."""
-        left_c, left_s = _COS60 * cosine - _SIN60 * sine, _COS60 * sine + _SIN60 * cosine
-        right_c, right_s = _COS60 * cosine + _SIN60 * sine, _COS60 * sine - _SIN60 * cosine
-        c, s = ti.select(left_c > cosine, left_c, cosine), ti.select(left_c > cosine, left_s, sine)
-        s = ti.select(right_c > c, right_s, s)
-        return ti.max(right_c, c), s
+@ti.func
+def hub_impulses(group: ti.template(), now: ti.template(), first, part):
+    """All springs add their impulses, as `impulses.spring_impulses` does."""
+    for k in range(group.springs):
+        s = group.spring_at + k
+        a, b = group.ends[2 * s], group.ends[2 * s + 1]
+        h = ti.static(hinges(group, now, s, a, b))
+        force = now.damping[s] * h.rate
+        ma, mb = LaneVector(0.0), LaneVector(0.0)
+        if k < group.active:  # a shape-memory spring: Hooke's law, its ends turn freely
+            free = interpolate(now.free_length, first + k, group.active, part) - 2.0 * now.socket
+            stiff = interpolate(now.spring_rate, first + k, group.active, part)
+            force += stiff * (h.length - free)
+        else:
+            rest = now.rest_length[s] - 2.0 * now.socket
+            force += strip_tension(h.length, rest, now.stiffness[s], now.buckling[s])
+            ma, mb = strip_moments(group, now, s, a, b, h)
+        couple = (ma + mb) * h.per_length
+        fx = group.dt * force * h.nx + couple * h.ny
+        fy = group.dt * force * h.ny - couple * h.nx
+        now.impulse_x[a] = now.impulse_x[a] - fx
+        now.impulse_y[a] = now.impulse_y[a] - fy
+        now.impulse_x[b] = now.impulse_x[b] + fx
+        now.impulse_y[b] = now.impulse_y[b] + fy
+        now.moment[a] = now.moment[a] + (now.socket * (h.ax * fy - h.ay * fx) - ma)
+        now.moment[b] = now.moment[b] + (now.socket * (h.bx * fy - h.by * fx) - mb)
 
-    @ti.func
-    def move(group: ti.template(), now: ti.template(), going):
-        """Semi-implicit Euler with drag, gravity, impulses, and the table under the lowest corner."""
-        for i in range(group.masses):
-            w, wi = now.per_mass[i], now.per_inertia[i]
-            before_x, before_y, before = now.vx[i], now.vy[i], now.spin[i]
-            vx = now.decay * before_x + now.impulse_x[i] * w + now.slide
-            vy = now.decay * before_y + now.impulse_y[i] * w + now.fall
-            spin = now.decay * before + now.moment[i] * wi
-            c, s = lowest(now.cosine[i], now.sine[i])
-            rx, ry = now.corner * s, zero - now.corner * c
-            height = now.y[i] + now.corner * (one - c)
-            p, q = meet(height, vx - spin * ry, vy + spin * rx, rx, ry, w, wi, now.friction[i], group.dt)
-            vx, vy, spin = vx + w * p, vy + w * q, spin + wi * (rx * q - ry * p)
-            now.x[i] = now.x[i] + ti.select(going, group.dt * vx, zero)
-            now.y[i] = now.y[i] + ti.select(going, group.dt * vy, zero)
-            now.vx[i] = ti.select(going, vx, before_x)
-            now.vy[i] = ti.select(going, vy, before_y)
-            spin = ti.select(going, spin, before)
-            half = ti.select(going, 0.5 * group.dt * spin, zero)
-            scale, double = one / (one + half * half), half + half
-            c0, s0 = now.cosine[i], now.sine[i]
-            now.cosine[i] = ((one - half * half) * c0 - double * s0) * scale
-            now.sine[i] = ((one - half * half) * s0 + double * c0) * scale
-            now.spin[i] = spin
-            now.impulse_x[i] = zero
-            now.impulse_y[i] = zero
-            now.moment[i] = zero
 
-    @ti.func
-    def meet(height, along, up, rx, ry, w, wi, friction, dt):
-        """Impulses (along, up) of the table on a corner at (rx, ry) from its hub's centre, `height` above the
-        table, with these speeds: they end its fall within the step and stop it, or slow it as far as friction
-        does."""
-        needed = zero - height / dt - up
-        a, b, c = w + wi * ry * ry, zero - wi * rx * ry, w + wi * rx * rx
-        per = one / (a * c - b * b)
-        stick = zero - (c * along + b * needed) * per
-        push = (a * needed + b * along) * per
-        sliding = ti.select(stick < zero, zero - friction, friction)
-        slips = ti.max(stick, zero - stick) > friction * push
-        push = ti.select(slips, needed / (c + b * sliding), push)
-        stick = ti.select(slips, sliding * push, stick)
-        return ti.select(needed > zero, stick, zero), ti.select(needed > zero, push, zero)
+@ti.func
+def strip_moments(group: ti.template(), now: ti.template(), s, a, b, h: ti.template()):
+    """A strip turns in its sockets with friction, and bends beyond their play: the angular impulses that it
+    takes from its hubs."""
+    pa, pb = (
+        angle_between(h.nx, h.ny, h.ax, h.ay),
+        angle_between(h.nx, h.ny, h.bx, h.by),
+    )
+    da = pa + now.delay * (now.spin[a] - h.turning)
+    db = pb + now.delay * (now.spin[b] - h.turning)
+    ea, eb = da - clamp(da, now.play), db - clamp(db, now.play)
+    qa, qb = bending_angle(da, eb, now.play), bending_angle(db, ea, now.play)
+    ma, mb = end_moments(group.dt * now.bending[s], qa, qb)
+    ma += socket_friction(group, now, 2 * s, pa, da)
+    mb += socket_friction(group, now, 2 * s + 1, pb, db)
+    return ma, mb
 
-    return SimpleNamespace(pull=pull, move=move)
+
+@ti.func
+def lowest_corner(cosine, sine):
+    """Cosine and sine of the hub's rotation from the nearest pose in which a corner points down."""
+    left_c, left_s = _COS60 * cosine - _SIN60 * sine, _COS60 * sine + _SIN60 * cosine
+    right_c, right_s = _COS60 * cosine + _SIN60 * sine, _COS60 * sine - _SIN60 * cosine
+    c, s = ti.select(left_c > cosine, left_c, cosine), ti.select(left_c > cosine, left_s, sine)
+    s = ti.select(right_c > c, right_s, s)
+    return ti.max(right_c, c), s
+
+
+@ti.func
+def move_hubs(group: ti.template(), now: ti.template(), going):
+    """Semi-implicit Euler with drag, gravity, impulses, and the table under the lowest corner."""
+    for i in range(group.masses):
+        w, wi = now.inverse_mass[i], now.inverse_inertia[i]
+        before_x, before_y, before = now.vx[i], now.vy[i], now.spin[i]
+        vx = now.decay * before_x + now.impulse_x[i] * w + now.gravity_tangent_dt
+        vy = now.decay * before_y + now.impulse_y[i] * w + now.gravity_normal_dt
+        spin = now.decay * before + now.moment[i] * wi
+        c, s = lowest_corner(now.cosine[i], now.sine[i])
+        rx, ry = now.corner * s, ZERO - now.corner * c
+        height = now.y[i] + now.corner * (ONE - c)
+        p, q = corner_contact(group, height, vx - spin * ry, vy + spin * rx, rx, ry, w, wi, now.friction[i])
+        vx, vy, spin = vx + w * p, vy + w * q, spin + wi * (rx * q - ry * p)
+        now.x[i] = now.x[i] + ti.select(going, group.dt * vx, ZERO)
+        now.y[i] = now.y[i] + ti.select(going, group.dt * vy, ZERO)
+        now.vx[i] = ti.select(going, vx, before_x)
+        now.vy[i] = ti.select(going, vy, before_y)
+        turn_hub(group, now, i, ti.select(going, spin, before), going)
+        now.impulse_x[i] = ZERO
+        now.impulse_y[i] = ZERO
+        now.moment[i] = ZERO
+
+
+@ti.func
+def turn_hub(group: ti.template(), now: ti.template(), i, spin, going):
+    """Cayley's rotation by dt spin."""
+    half = ti.select(going, 0.5 * group.dt * spin, ZERO)
+    scale, double = ONE / (ONE + half * half), half + half
+    c0, s0 = now.cosine[i], now.sine[i]
+    now.cosine[i] = ((ONE - half * half) * c0 - double * s0) * scale
+    now.sine[i] = ((ONE - half * half) * s0 + double * c0) * scale
+    now.spin[i] = spin
+
+
+@ti.func
+def corner_contact(group: ti.template(), height, tangential, normal, rx, ry, w, wi, friction):
+    """Impulses (along the table, up) on a corner at (rx, ry) from its hub's centre, `height` above the table,
+    with these speeds: they end its fall within the step and stop it, or slow it as far as Coulomb friction
+    does. w and wi are the hub's inverse mass and moment of inertia."""
+    needed = ZERO - height / group.dt - normal
+    a, b, c = w + wi * ry * ry, ZERO - wi * rx * ry, w + wi * rx * rx
+    per_determinant = ONE / (a * c - b * b)
+    stick = ZERO - (c * tangential + b * needed) * per_determinant
+    push = (a * needed + b * tangential) * per_determinant
+    coefficient = ti.select(stick < ZERO, ZERO - friction, friction)
+    slips = ti.max(stick, ZERO - stick) > friction * push
+    push = ti.select(slips, needed / (c + b * coefficient), push)
+    stick = ti.select(slips, coefficient * push, stick)
+    return ti.select(needed > ZERO, stick, ZERO), ti.select(needed > ZERO, push, ZERO)

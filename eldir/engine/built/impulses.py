@@ -1,18 +1,25 @@
-"""Impulses of the springs and strips of a group of printed robots in one step, each with its slope beside it.
+"""Impulses of the springs and strips of a group of printed robots in one step, each with its tangent.
 
-`now` are the values (`GroupArrays`) and `now_` their slopes. Names that end in _ are slopes: derivatives with
-respect to the lane's parameter. Without `sloped` nothing with a _ is compiled.
+`now` are the values (`GroupArrays`) and `tangent` their derivatives with respect to the lane's parameter.
+Names that begin with d_ are such tangents. Without `group.tangents` none of them is compiled.
 """
 
-from types import SimpleNamespace
 from typing import Any, NamedTuple
 
-from eldir.engine.built import strip
+from eldir.engine.built.motion_launch import ONE, LaneVector
+from eldir.engine.built.strip import (
+    end_moments,
+    end_rotation,
+    end_rotation_tangent,
+    interpolate,
+    strip_tension,
+    strip_tension_tangent,
+)
 from eldir.engine.compiler import ti
 
 
 class Chord(NamedTuple):
-    """A spring's chord from its second to its first mass; or the chord's slope, without `per_length`."""
+    """A spring's chord from its second to its first mass; or the chord's tangent, without `per_length`."""
 
     nx: Any
     """Unit vector."""
@@ -28,147 +35,172 @@ class Chord(NamedTuple):
     """[1/m]"""
 
 
-def functions(lane: Any, clamped: bool, sloped: bool) -> SimpleNamespace:
-    """The impulses of all springs, for one type of vector. If `clamped`, strips bend."""
-    one = lane(1.0)
-    element = strip.functions(lane)
+@ti.func
+def chord(group: ti.template(), now: ti.template(), a, b):
+    dx, dy = now.x[a] - now.x[b], now.y[a] - now.y[b]
+    ux, uy = now.vx[a] - now.vx[b], now.vy[a] - now.vy[b]
+    length = ti.sqrt(dx * dx + dy * dy) + 1e-12  # never divides by 0
+    per_length = ONE / length
+    nx, ny = dx * per_length, dy * per_length
+    rate = ux * nx + uy * ny
+    return ti.static(Chord(nx, ny, ux, uy, length, rate, per_length))
 
-    @ti.func
-    def chord(now: ti.template(), a, b):
-        dx, dy = now.x[a] - now.x[b], now.y[a] - now.y[b]
-        ux, uy = now.vx[a] - now.vx[b], now.vy[a] - now.vy[b]
-        length = ti.sqrt(dx * dx + dy * dy) + 1e-12  # never divides by 0
-        per_length = one / length
-        nx, ny = dx * per_length, dy * per_length
-        rate = ux * nx + uy * ny
-        return ti.static(Chord(nx, ny, ux, uy, length, rate, per_length))
 
-    @ti.func
-    def chord_slope(now_: ti.template(), a, b, c: ti.template()):
-        dx_, dy_ = now_.x[a] - now_.x[b], now_.y[a] - now_.y[b]
-        ux_, uy_ = now_.vx[a] - now_.vx[b], now_.vy[a] - now_.vy[b]
-        length_ = c.nx * dx_ + c.ny * dy_
-        nx_ = (dx_ - c.nx * length_) * c.per_length
-        ny_ = (dy_ - c.ny * length_) * c.per_length
-        rate_ = ux_ * c.nx + c.ux * nx_ + uy_ * c.ny + c.uy * ny_
-        return ti.static(Chord(nx_, ny_, ux_, uy_, length_, rate_))
+@ti.func
+def chord_tangent(tangent: ti.template(), a, b, c: ti.template()):
+    d_dx, d_dy = tangent.x[a] - tangent.x[b], tangent.y[a] - tangent.y[b]
+    d_ux, d_uy = tangent.vx[a] - tangent.vx[b], tangent.vy[a] - tangent.vy[b]
+    d_length = c.nx * d_dx + c.ny * d_dy
+    d_nx = (d_dx - c.nx * d_length) * c.per_length
+    d_ny = (d_dy - c.ny * d_length) * c.per_length
+    d_rate = d_ux * c.nx + c.ux * d_nx + d_uy * c.ny + c.uy * d_ny
+    return ti.static(Chord(d_nx, d_ny, d_ux, d_uy, d_length, d_rate))
 
-    @ti.func
-    def chord_spin(c: ti.template()):
-        """Angular velocity of the chord [rad/s]."""
-        return (c.nx * c.uy - c.ny * c.ux) * c.per_length
 
-    @ti.func
-    def chord_spin_slope(c: ti.template(), c_: ti.template(), turning):
-        return (
-            c_.nx * c.uy + c.nx * c_.uy - c_.ny * c.ux - c.ny * c_.ux - turning * c_.length
-        ) * c.per_length
+@ti.func
+def chord_spin(c: ti.template()):
+    """Angular velocity of the chord [rad/s]."""
+    return (c.nx * c.uy - c.ny * c.ux) * c.per_length
 
-    @ti.func
-    def bend(now: ti.template(), c: ti.template(), cosine, sine, spin, ex, ey, turning):
-        """Angle of a strip's end from its chord, and what its delay adds to it [rad]."""
-        return element.rotation(c.nx, c.ny, cosine, sine, ex, ey) + now.delay * (spin - turning)
 
-    @ti.func
-    def delayed_slope(now: ti.template(), now_: ti.template(), turned_, spin, spin_, turning, turning_):
-        """Slope of that angle; `turned_` is its slope without the delay."""
-        return turned_ + now_.delay * (spin - turning) + now.delay * (spin_ - turning_)
+@ti.func
+def chord_spin_tangent(c: ti.template(), dc: ti.template(), chord_spin):
+    return (dc.nx * c.uy + c.nx * dc.uy - dc.ny * c.ux - c.ny * dc.ux - chord_spin * dc.length) * c.per_length
 
-    @ti.func
-    def between(table: ti.template(), q, active, part):
-        """A shape-memory spring's value, linear between the given instants."""
-        return table[q] + part * (table[q + active] - table[q])
 
-    @ti.func
-    def add_impulse(now: ti.template(), a, b, fx, fy):
-        """Pulls the two masses of a spring towards each other."""
-        now.impulse_x[a] = now.impulse_x[a] - fx
-        now.impulse_y[a] = now.impulse_y[a] - fy
-        now.impulse_x[b] = now.impulse_x[b] + fx
-        now.impulse_y[b] = now.impulse_y[b] + fy
+@ti.func
+def delayed_rotation(
+    group: ti.template(), now: ti.template(), c: ti.template(), cosine, sine, spin, ex, ey, chord_spin
+):
+    """Angle of a strip's end from its chord, and what its damping delay adds to it [rad]."""
+    rotation = end_rotation(c.nx, c.ny, cosine, sine, ex, ey)
+    return rotation + now.delay * (spin - chord_spin)
 
-    @ti.func
-    def add_moments(now: ti.template(), a, b, ma, mb):
-        now.moment[a] = now.moment[a] - ma
-        now.moment[b] = now.moment[b] - mb
 
-    @ti.func
-    def pull(group: ti.template(), now: ti.template(), now_: ti.template(), first, part):
-        """All springs add their impulses: the shape-memory springs, which come first, and the strips.
+@ti.func
+def delayed_rotation_tangent(
+    now: ti.template(), tangent: ti.template(), d_rotation, spin, d_spin, chord_spin, d_chord_spin
+):
+    """`d_rotation` is the tangent without the delay."""
+    return d_rotation + tangent.delay * (spin - chord_spin) + now.delay * (d_spin - d_chord_spin)
 
-        `first` is where the free lengths of the interval's first instant begin; `part` of it has passed.
-        """
-        for k in range(group.springs):
-            s = group.spring_at + k
-            a, b = group.ends[2 * s], group.ends[2 * s + 1]
-            c = ti.static(chord(now, a, b))
-            c_ = ti.static(chord_slope(now_, a, b, c) if sloped else c)
-            force, force_ = now.damping[s] * c.rate, lane(0.0)
-            if ti.static(sloped):
-                force_ = now_.damping[s] * c.rate + now.damping[s] * c_.rate
-            if k < group.active:  # a shape-memory spring: Hooke's law
-                free = between(now.free_length, first + k, group.active, part)
-                stiff = between(now.spring_rate, first + k, group.active, part)
-                force += stiff * (c.length - free)
-                if ti.static(sloped):
-                    free_ = between(now_.free_length, first + k, group.active, part)
-                    stiff_ = between(now_.spring_rate, first + k, group.active, part)
-                    force_ += stiff_ * (c.length - free) + stiff * (c_.length - free_)
-            else:
-                rest, stiff, load = now.rest_length[s], now.stiffness[s], now.buckling[s]
-                force += element.tension(c.length, rest, stiff, load)
-                if ti.static(sloped):
-                    force_ += element.tension_slope(
-                        c.length, rest, stiff, load,
-                        c_.length, now_.rest_length[s], now_.stiffness[s], now_.buckling[s],
-                    )  # fmt: skip
-            fx, fy = group.dt * force * c.nx, group.dt * force * c.ny
-            fx_, fy_ = lane(0.0), lane(0.0)
-            if ti.static(sloped):
-                fx_ = group.dt * (force_ * c.nx + force * c_.nx)
-                fy_ = group.dt * (force_ * c.ny + force * c_.ny)
-            if ti.static(clamped):
-                if k >= group.active:
-                    couple, couple_ = clamp(group, now, now_, s, a, b, c, c_)
-                    fx = fx + couple * c.ny
-                    fy = fy - couple * c.nx
-                    if ti.static(sloped):
-                        fx_ = fx_ + couple_ * c.ny + couple * c_.ny
-                        fy_ = fy_ - couple_ * c.nx - couple * c_.nx
-            add_impulse(now, a, b, fx, fy)
-            if ti.static(sloped):
-                add_impulse(now_, a, b, fx_, fy_)
 
-    @ti.func
-    def clamp(
-        group: ti.template(), now: ti.template(), now_: ti.template(), s, a, b,
-        c: ti.template(), c_: ti.template(),
-    ):  # fmt: skip
-        """A strip bends and turns the hexagons at its ends; returns the couple of forces that balances both
-        moments, and its slope."""
-        ex, ey = group.direction[2 * s], group.direction[2 * s + 1]
-        ca, sa, ra = now.cosine[a], now.sine[a], now.spin[a]
-        cb, sb, rb = now.cosine[b], now.sine[b], now.spin[b]
-        turning = chord_spin(c)
-        pa = bend(now, c, ca, sa, ra, ex, ey, turning)
-        pb = bend(now, c, cb, sb, rb, ex, ey, turning)
-        ma, mb = element.moments(group.dt * now.bending[s], pa, pb)
-        add_moments(now, a, b, ma, mb)
-        couple = (ma + mb) * c.per_length
-        couple_ = lane(0.0)
-        if ti.static(sloped):
-            ca_, sa_, ra_ = now_.cosine[a], now_.sine[a], now_.spin[a]
-            cb_, sb_, rb_ = now_.cosine[b], now_.sine[b], now_.spin[b]
-            turning_ = chord_spin_slope(c, c_, turning)
-            pa_ = element.rotation_slope(c.nx, c.ny, ca, sa, c_.nx, c_.ny, ca_, sa_)
-            pb_ = element.rotation_slope(c.nx, c.ny, cb, sb, c_.nx, c_.ny, cb_, sb_)
-            pa_ = delayed_slope(now, now_, pa_, ra, ra_, turning, turning_)
-            pb_ = delayed_slope(now, now_, pb_, rb, rb_, turning, turning_)
-            ma_, mb_ = element.moments(group.dt * now.bending[s], pa_, pb_)
-            ma1, mb1 = element.moments(group.dt * now_.bending[s], pa, pb)
-            ma_, mb_ = ma_ + ma1, mb_ + mb1
-            add_moments(now_, a, b, ma_, mb_)
-            couple_ = (ma_ + mb_ - couple * c_.length) * c.per_length
-        return couple, couple_
+@ti.func
+def add_impulse(now: ti.template(), a, b, fx, fy):
+    """Pulls the two masses of a spring together."""
+    now.impulse_x[a] = now.impulse_x[a] - fx
+    now.impulse_y[a] = now.impulse_y[a] - fy
+    now.impulse_x[b] = now.impulse_x[b] + fx
+    now.impulse_y[b] = now.impulse_y[b] + fy
 
-    return SimpleNamespace(pull=pull)
+
+@ti.func
+def add_moments(now: ti.template(), a, b, ma, mb):
+    now.moment[a] = now.moment[a] - ma
+    now.moment[b] = now.moment[b] - mb
+
+
+@ti.func
+def shape_memory_force(
+    group: ti.template(), now: ti.template(), tangent: ti.template(), c: ti.template(), dc: ti.template(),
+    q, part,
+):  # fmt: skip
+    """Force of a shape-memory spring by Hooke's law [N], and its tangent."""
+    d_force = LaneVector(0.0)
+    free = interpolate(now.free_length, q, group.active, part)
+    stiff = interpolate(now.spring_rate, q, group.active, part)
+    force = stiff * (c.length - free)
+    if ti.static(group.tangents):
+        d_free = interpolate(tangent.free_length, q, group.active, part)
+        d_stiff = interpolate(tangent.spring_rate, q, group.active, part)
+        d_force = d_stiff * (c.length - free) + stiff * (dc.length - d_free)
+    return force, d_force
+
+
+@ti.func
+def strip_force(
+    group: ti.template(), now: ti.template(), tangent: ti.template(), c: ti.template(), dc: ti.template(), s
+):
+    """Force of a strip along its chord [N], and its tangent."""
+    d_force = LaneVector(0.0)
+    rest, stiff, load = now.rest_length[s], now.stiffness[s], now.buckling[s]
+    force = strip_tension(c.length, rest, stiff, load)
+    if ti.static(group.tangents):
+        d_force = strip_tension_tangent(
+            c.length, rest, stiff, load,
+            dc.length, tangent.rest_length[s], tangent.stiffness[s], tangent.buckling[s],
+        )  # fmt: skip
+    return force, d_force
+
+
+@ti.func
+def spring_impulses(group: ti.template(), now: ti.template(), tangent: ti.template(), first, part):
+    """All springs add their impulses: the shape-memory springs, which come first, and the strips.
+
+    `first` is where the free lengths of the interval's first instant begin; `part` of it has passed.
+    """
+    for k in range(group.springs):
+        s = group.spring_at + k
+        a, b = group.ends[2 * s], group.ends[2 * s + 1]
+        c = ti.static(chord(group, now, a, b))
+        dc = ti.static(chord_tangent(tangent, a, b, c) if group.tangents else c)
+        force, d_force = now.damping[s] * c.rate, LaneVector(0.0)
+        if ti.static(group.tangents):
+            d_force = tangent.damping[s] * c.rate + now.damping[s] * dc.rate
+        if k < group.active:
+            added, d_added = shape_memory_force(group, now, tangent, c, dc, first + k, part)
+            force += added
+            d_force += d_added
+        else:
+            added, d_added = strip_force(group, now, tangent, c, dc, s)
+            force += added
+            d_force += d_added
+        fx, fy = group.dt * force * c.nx, group.dt * force * c.ny
+        d_fx, d_fy = LaneVector(0.0), LaneVector(0.0)
+        if ti.static(group.tangents):
+            d_fx = group.dt * (d_force * c.nx + force * dc.nx)
+            d_fy = group.dt * (d_force * c.ny + force * dc.ny)
+        if ti.static(group.clamped):
+            if k >= group.active:
+                couple, d_couple = bending_couple(group, now, tangent, s, a, b, c, dc)
+                fx = fx + couple * c.ny
+                fy = fy - couple * c.nx
+                if ti.static(group.tangents):
+                    d_fx = d_fx + d_couple * c.ny + couple * dc.ny
+                    d_fy = d_fy - d_couple * c.nx - couple * dc.nx
+        add_impulse(now, a, b, fx, fy)
+        if ti.static(group.tangents):
+            add_impulse(tangent, a, b, d_fx, d_fy)
+
+
+@ti.func
+def bending_couple(
+    group: ti.template(), now: ti.template(), tangent: ti.template(), s, a, b,
+    c: ti.template(), dc: ti.template(),
+):  # fmt: skip
+    """A clamped strip bends and turns the hexagons at its ends; returns the couple of forces that balances
+    both moments, and its tangent."""
+    ex, ey = group.direction[2 * s], group.direction[2 * s + 1]
+    ca, sa, ra = now.cosine[a], now.sine[a], now.spin[a]
+    cb, sb, rb = now.cosine[b], now.sine[b], now.spin[b]
+    turning = chord_spin(c)
+    pa = delayed_rotation(group, now, c, ca, sa, ra, ex, ey, turning)
+    pb = delayed_rotation(group, now, c, cb, sb, rb, ex, ey, turning)
+    ma, mb = end_moments(group.dt * now.bending[s], pa, pb)
+    add_moments(now, a, b, ma, mb)
+    couple = (ma + mb) * c.per_length
+    d_couple = LaneVector(0.0)
+    if ti.static(group.tangents):
+        d_ca, d_sa, d_ra = tangent.cosine[a], tangent.sine[a], tangent.spin[a]
+        d_cb, d_sb, d_rb = tangent.cosine[b], tangent.sine[b], tangent.spin[b]
+        d_turning = chord_spin_tangent(c, dc, turning)
+        d_pa = end_rotation_tangent(c.nx, c.ny, ca, sa, dc.nx, dc.ny, d_ca, d_sa)
+        d_pb = end_rotation_tangent(c.nx, c.ny, cb, sb, dc.nx, dc.ny, d_cb, d_sb)
+        d_pa = delayed_rotation_tangent(now, tangent, d_pa, ra, d_ra, turning, d_turning)
+        d_pb = delayed_rotation_tangent(now, tangent, d_pb, rb, d_rb, turning, d_turning)
+        d_ma, d_mb = end_moments(group.dt * now.bending[s], d_pa, d_pb)
+        by_bending_a, by_bending_b = end_moments(group.dt * tangent.bending[s], pa, pb)
+        d_ma, d_mb = d_ma + by_bending_a, d_mb + by_bending_b
+        add_moments(tangent, a, b, d_ma, d_mb)
+        d_couple = (d_ma + d_mb - couple * dc.length) * c.per_length
+    return couple, d_couple

@@ -1,4 +1,5 @@
-"""Moving printed robots as one batch: sort into groups of the same body, pack, launch the kernel, unpack."""
+"""Motions of printed robots as one batch: sort into groups of the same body, pack, launch the kernel,
+unpack."""
 
 from __future__ import annotations
 
@@ -9,18 +10,18 @@ from typing import NamedTuple
 import numpy as np
 
 from eldir.core.records import FloatArray, IntArray
-from eldir.engine.aligned import aligned
 from eldir.engine.built.motion_kernel import motion_kernel
 from eldir.engine.built.motion_launch import LANES, RECORDED, STEPS, LaneArrays, MotionLaunch
-from eldir.engine.runtime import prefer, start
+from eldir.engine.compiler import aligned
+from eldir.engine.runtime import set_compile_options, start
 from eldir.engine.threads import worker_threads
 from eldir.morphology import offsets
 from eldir.parameters.printed import Joints
 
 
 @dataclass(frozen=True)
-class Member:
-    """One robot and its commands; or the slopes of all these values with respect to a parameter."""
+class MotionInputs:
+    """One robot and its commands; or the tangents of all these values with respect to a parameter."""
 
     springs: IntArray
     """Active ones first, shape (S, 2)."""
@@ -28,7 +29,7 @@ class Member:
     """Unit vector from the second to the first mass of every spring at rest, shape (S, 2)."""
     strips: FloatArray
     """Rest length, stiffness, buckling load, damping and bending stiffness, shape (5, S)."""
-    per_mass: FloatArray
+    inverse_masses: FloatArray
     """1 / mass [1/kg], 1 / moment of inertia [1/(kg m2)] and coefficient of friction, shape (3, M)."""
     properties: FloatArray
     """The values that `eldir.engine.built.motion_launch.PROPERTIES` lists."""
@@ -43,8 +44,8 @@ class Member:
     """Of hubs: angle at which each socket's friction is without force [rad], shape (S, 2)."""
 
     @property
-    def body(self) -> tuple[object, ...]:
-        """Key of a group: robots with the same key move side by side."""
+    def group_key(self) -> tuple[object, ...]:
+        """Robots with the same key move side by side."""
         return (self.springs.tobytes(), self.direction.tobytes(), self.lengths.shape, self.joints)
 
     @property
@@ -61,101 +62,107 @@ class MotionResult(NamedTuple):
     rotations: FloatArray
     """Cosine and sine of the hubs' rotations, shape (K // every + 1, M, 2); without hubs (..., 0)."""
     state: FloatArray
-    """State at the end, laid out as `Member.state`."""
-    blown: int
-    """-1, or the interval in which it blew up."""
-    slopes: tuple[FloatArray, FloatArray] | None = None
-    """Slopes of positions and state, if they were requested."""
+    """State at the end, laid out as `MotionInputs.state`."""
+    diverged_at: int
+    """-1, or the interval in which it diverged."""
+    tangents: tuple[FloatArray, FloatArray] | None = None
+    """Tangents of positions and state, if they were requested."""
 
 
 def run_motions(
-    members: Sequence[Member], every: int, slopes: Sequence[Member] | None = None
+    members: Sequence[MotionInputs], every: int, tangents: Sequence[MotionInputs] | None = None
 ) -> list[MotionResult]:
-    """Moves all members; results are in input order, and no robot's result depends on the others.
+    """Moves all robots; results are in input order, and no robot's result depends on the others.
 
-    `slopes`, one for each member, are derivatives of its values with respect to a parameter. With them, the
+    `tangents`, one for each robot, are derivatives of its values with respect to a parameter. With them, the
     results contain the derivatives of the motion too.
     """
     start()
-    bodies: dict[tuple[object, ...], list[int]] = {}
+    same_body: dict[tuple[object, ...], list[int]] = {}
     for i, member in enumerate(members):
-        bodies.setdefault(member.body, []).append(i)
-    groups = [same[i : i + LANES] for same in bodies.values() for i in range(0, len(same), LANES)]
+        same_body.setdefault(member.group_key, []).append(i)
+    groups = [same[i : i + LANES] for same in same_body.values() for i in range(0, len(same), LANES)]
     groups.sort(key=lambda group: -max(members[i].work for i in group))  # the longest first
-    outcomes: dict[int, MotionResult] = {}
+    by_robot: dict[int, MotionResult] = {}
     for joints in sorted({m.joints for m in members}):
         alike = [g for g in groups if members[g[0]].joints == joints]
-        # Lanes that nobody needs repeat the group's first robot.
+        # Unused lanes repeat the group's first robot.
         filled = [(g + g[:1] * LANES)[:LANES] for g in alike]
         results = _run_groups(
             [[members[i] for i in g] for g in filled],
-            [[slopes[i] for i in g] for g in filled] if slopes is not None else None,
+            [[tangents[i] for i in g] for g in filled] if tangents is not None else None,
             every,
         )
         for group, found in zip(alike, results, strict=True):
-            outcomes |= dict(zip(group, found, strict=False))
-    return [outcomes[i] for i in range(len(members))]
+            by_robot |= dict(zip(group, found, strict=False))
+    return [by_robot[i] for i in range(len(members))]
 
 
 def _run_groups(
-    groups: list[list[Member]], slopes: list[list[Member]] | None, every: int
+    groups: list[list[MotionInputs]], tangents: list[list[MotionInputs]] | None, every: int
 ) -> list[list[MotionResult]]:
+    """Motions of groups of `LANES` robots with the same joints."""
     first = [group[0] for group in groups]
-    n, rows = len(groups), len(first[0].state)
-    m = np.array([f.per_mass.shape[1] for f in first], np.int32)
-    s = np.array([len(f.springs) for f in first], np.int32)
-    a = np.array([f.lengths.shape[1] for f in first], np.int32)
-    k = np.array([len(f.lengths) - 1 for f in first], np.int32)
-    substeps = np.array([max(r.properties[STEPS] for r in group) for group in groups], np.int32)
-    samples = k // every + 1
-    kept = RECORDED[first[0].joints]
-    record_at, state_at = offsets(samples * kept * m), offsets(rows * m)
-    size = 3 * int(m.max())
-    workers = min(worker_threads(), n)
-    values = _lane_arrays(groups, size * workers, int(record_at[-1]))
-    sloped = slopes is not None
-    changes = _lane_arrays(slopes, size * workers, int(record_at[-1])) if slopes is not None else values
-    status = aligned(n * LANES, np.int32)
-    prefer("f64")
-    motion_kernel(first[0].joints, sloped)(
-        MotionLaunch(
-            groups=n, workers=workers, workspace=size, every=every, queue=aligned(1, np.int32),
-            masses=m, springs=s, active=a, intervals=k, substeps=substeps,
-            mass_at=offsets(m), spring_at=offsets(s), length_at=offsets((k + 1) * a), record_at=record_at,
-            ends=np.concatenate([f.springs.ravel() for f in first]),
-            direction=np.concatenate([f.direction.ravel() for f in first]),
-            status=status, values=values, slopes=changes,
-        )
+    masses = np.array([f.inverse_masses.shape[1] for f in first], np.int32)
+    active = np.array([f.lengths.shape[1] for f in first], np.int32)
+    intervals = np.array([len(f.lengths) - 1 for f in first], np.int32)
+    record_at = offsets((intervals // every + 1) * RECORDED[first[0].joints] * masses)
+    workers, workspace = min(worker_threads(), len(groups)), 3 * int(masses.max())
+    values, tangent_values = (
+        _lane_arrays(inputs, workspace * workers, int(record_at[-1])) if inputs is not None else None
+        for inputs in (groups, tangents)
+    )
+    assert values is not None
+    launch = MotionLaunch(
+        groups=len(groups), workers=workers, workspace=workspace, every=every, queue=aligned(1, np.int32),
+        masses=masses, springs=np.array([len(f.springs) for f in first], np.int32), active=active,
+        intervals=intervals,
+        substeps=np.array([max(r.properties[STEPS] for r in group) for group in groups], np.int32),
+        mass_at=offsets(masses), spring_at=offsets([len(f.springs) for f in first]),
+        length_at=offsets((intervals + 1) * active), record_at=record_at,
+        ends=np.concatenate([f.springs.ravel() for f in first]),
+        direction=np.concatenate([f.direction.ravel() for f in first]),
+        status=aligned(len(groups) * LANES, np.int32),
+        values=values, tangents=values if tangent_values is None else tangent_values,
     )  # fmt: skip
-    arrays = [values, changes] if sloped else [values]
-
-    def result(g: int, j: int) -> MotionResult:
-        shape = (samples[g], kept, m[g])
-        moved = [
-            of.record[record_at[g] : record_at[g + 1], j].reshape(shape).transpose(0, 2, 1).copy()
-            for of in arrays
-        ]
-        ended = [of.state[state_at[g] : state_at[g + 1], j].reshape(rows, m[g]).copy() for of in arrays]
-        slope = (moved[1], ended[1]) if sloped else None
-        x, rotations = moved[0][..., :2], moved[0][..., 2:]
-        return MotionResult(x, rotations, ended[0], int(status[LANES * g + j]), slope)
-
-    return [[result(g, j) for j in range(LANES)] for g in range(n)]
+    set_compile_options("f64")
+    motion_kernel(first[0].joints, tangents is not None)(launch)
+    arrays = [values] if tangent_values is None else [values, tangent_values]
+    return [_group_results(launch, arrays, g, len(f.state), f.joints) for g, f in enumerate(first)]
 
 
-def _lane_arrays(groups: list[list[Member]], scratch: int, record: int) -> LaneArrays:
-    """The values of all robots, or their slopes, with room for impulses and for what is recorded."""
+def _group_results(
+    launch: MotionLaunch, arrays: list[LaneArrays], g: int, rows: int, joints: Joints
+) -> list[MotionResult]:
+    """Motions of the robots of group `g`, whose masses have `rows` numbers of state each."""
+    masses, mass_at = launch.masses[g], launch.mass_at[g]
+    record = slice(launch.record_at[g], launch.record_at[g + 1])
+    state = slice(rows * mass_at, rows * (mass_at + masses))
+    shape = (-1, RECORDED[joints], masses)
+
+    def result(lane: int) -> MotionResult:
+        motions = [a.record[record, lane].reshape(shape).transpose(0, 2, 1).copy() for a in arrays]
+        states = [a.state[state, lane].reshape(rows, masses).copy() for a in arrays]
+        tangents = (motions[1], states[1]) if len(arrays) == 2 else None
+        x, rotations = motions[0][..., :2], motions[0][..., 2:]
+        return MotionResult(x, rotations, states[0], int(launch.status[LANES * g + lane]), tangents)
+
+    return [result(lane) for lane in range(LANES)]
+
+
+def _lane_arrays(groups: list[list[MotionInputs]], scratch: int, record: int) -> LaneArrays:
+    """The values of all robots, or their tangents, with room for impulses and recorded numbers."""
     rest_length, stiffness, buckling, damping, bending = (
         _lanes([[r.strips[i] for r in group] for group in groups]) for i in range(5)
     )
-    per_mass, per_inertia, friction = (
-        _lanes([[r.per_mass[i] for r in group] for group in groups]) for i in range(3)
+    inverse_mass, inverse_inertia, friction = (
+        _lanes([[r.inverse_masses[i] for r in group] for group in groups]) for i in range(3)
     )
     return LaneArrays(
         properties=_lanes([[r.properties for r in group] for group in groups]),
         state=_lanes([[r.state for r in group] for group in groups]),
-        per_mass=per_mass,
-        per_inertia=per_inertia,
+        inverse_mass=inverse_mass,
+        inverse_inertia=inverse_inertia,
         friction=friction,
         rest_length=rest_length,
         stiffness=stiffness,

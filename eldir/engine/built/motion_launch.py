@@ -1,15 +1,19 @@
-"""Arguments of the printed robot's kernel, and names for one group's part of them."""
+"""Arguments of the printed robot's kernel, and the records of one group that its element functions read."""
 
 from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+from eldir.engine.compiler import ti
 from eldir.engine.kernels.memory import OffsetView, load, local, reread
-from eldir.engine.launch import Count, Eights, Integers, Values
+from eldir.engine.runtime import Count, Eights, Integers, Values
 from eldir.parameters.printed import Joints
 
 LANES = 8
 """Robots of a group, side by side in the lanes of a vector."""
+LaneVector = ti.types.vector(LANES, ti.f64)
+"""A value of each robot of a group."""
+ZERO, ONE = LaneVector(0.0), LaneVector(1.0)
 PROPERTIES = 11
 """Vectors of a group: dt, gravity dt, drag factor, steps in an interval, bending delay [s]; of hubs the
 distance of the hinges and of the corners from the centre [m], the angle by which strips turn freely in their
@@ -18,19 +22,28 @@ table times dt."""
 STEPS = 3
 """Where the number of steps stands in them."""
 RECORDED: dict[Joints, int] = {"pins": 2, "clamped": 2, "hubs": 4}
-"""Numbers of each mass that are kept: x and y, of hubs also cosine and sine."""
+"""Recorded numbers of each mass: x and y, of hubs also cosine and sine."""
+
+
+class MotionKind(NamedTuple):
+    """What is known of a motion while its kernel is compiled."""
+
+    joints: Joints
+    tangents: bool
+    """Whether tangents are computed."""
 
 
 class LaneArrays(NamedTuple):
-    """Arrays that a launch has twice: as values, and as slopes with respect to each lane's parameter."""
+    """Arrays that a launch has twice: as values, and as tangents, derivatives with respect to each lane's
+    parameter."""
 
     properties: Eights
     """`PROPERTIES` of each group."""
     state: Eights
     """x, y, vx, vy of each mass [m, m/s]; clamped also cosine, sine and spin [rad/s]."""
-    per_mass: Eights
+    inverse_mass: Eights
     """Inverse masses [1/kg]."""
-    per_inertia: Eights
+    inverse_inertia: Eights
     """Inverse moments of inertia [1/(kg m2)]."""
     friction: Eights
     """Coulomb coefficient of each mass."""
@@ -53,7 +66,7 @@ class LaneArrays(NamedTuple):
     impulse: Eights
     """Scratch of the workers: x, y and clamped the moment's, of each mass."""
     record: Eights
-    """What is kept (`RECORDED`): x and y of each mass [m], cosine and sine of each hub."""
+    """The recorded numbers (`RECORDED`): x and y of each mass [m], cosine and sine of each hub."""
 
 
 class MotionLaunch(NamedTuple):
@@ -64,7 +77,7 @@ class MotionLaunch(NamedTuple):
     workspace: Count
     """Vectors of `impulse` for each worker."""
     every: Count
-    """Number of intervals from one kept position to the next."""
+    """Number of intervals from one recorded position to the next."""
     queue: Integers
     """The next group, one number that is shared by the workers."""
     masses: Integers
@@ -84,15 +97,17 @@ class MotionLaunch(NamedTuple):
     direction: Values
     """Unit vector of each spring at rest, from its second to its first mass."""
     status: Integers
-    """For each robot -1, or the interval in which it blew up."""
+    """For each robot -1, or the interval in which it diverged."""
     values: LaneArrays
-    slopes: LaneArrays
-    """The same arrays again where no slopes are wanted; they are not read then."""
+    tangents: LaneArrays
+    """The same arrays as `values` where no tangents are computed; they are not read then."""
 
 
 class GroupSizes(NamedTuple):
-    """One group: how large it is, where its parts begin, and what does not depend on a parameter."""
+    """One group: its kind, how large it is, where its parts begin, and what does not depend on a
+    parameter."""
 
+    kind: MotionKind
     masses: Any
     springs: Any
     active: Any
@@ -108,13 +123,34 @@ class GroupSizes(NamedTuple):
     ends: Any
     direction: Any
 
+    @property
+    def tangents(self) -> bool:
+        return self.kind.tangents
+
+    @property
+    def clamped(self) -> bool:
+        return self.kind.joints == "clamped"
+
+    @property
+    def hubs(self) -> bool:
+        return self.kind.joints == "hubs"
+
+    @property
+    def recorded(self) -> int:
+        return RECORDED[self.kind.joints]
+
+    @property
+    def impulses(self) -> int:
+        """Impulses of each mass: x, y and, unless strips are pinned, of rotation."""
+        return 2 if self.kind.joints == "pins" else 3
+
 
 class GroupArrays(NamedTuple):
-    """One group's values, or their slopes. Views are indexed by mass, arrays by spring."""
+    """One group's values, or their tangents. Views are indexed by mass, arrays by spring."""
 
-    fall: Any
+    gravity_normal_dt: Any
     """Gravity across the table times dt [m/s]."""
-    slide: Any
+    gravity_tangent_dt: Any
     """Gravity along the table times dt [m/s]."""
     decay: Any
     """Factor on velocities in one step."""
@@ -128,7 +164,7 @@ class GroupArrays(NamedTuple):
     """Angle by which a strip turns freely in its sockets, to either side [rad]."""
     socket_friction: Any
     """Moment at which a strip begins to turn in a socket [N m]."""
-    sticks: Any
+    slip_angle: Any
     """Angle by which it turns before that [rad]."""
     x: OffsetView
     y: OffsetView
@@ -145,8 +181,8 @@ class GroupArrays(NamedTuple):
     impulse: OffsetView
     """These three, one after the other."""
     record: OffsetView
-    per_mass: OffsetView
-    per_inertia: OffsetView
+    inverse_mass: OffsetView
+    inverse_inertia: OffsetView
     friction: OffsetView
     rest_length: Any
     stiffness: Any
@@ -160,23 +196,24 @@ class GroupArrays(NamedTuple):
     spring_rate: Any
 
 
-def group_sizes(launch: MotionLaunch, g: Any, worker: Any, rows: int) -> GroupSizes:
-    """Group `g`, whose state has `rows` numbers for each mass."""
+def group_sizes(kind: MotionKind, launch: MotionLaunch, g: Any, worker: Any) -> GroupSizes:
+    """Group `g` of a launch."""
     masses, springs, active = (load(n, g) for n in (launch.masses, launch.springs, launch.active))
     dt, steps = (load(launch.values.properties, PROPERTIES * g + k) for k in (0, STEPS))
     mass_at, spring_at, record_at = (
         reread(at, g) for at in (launch.mass_at, launch.spring_at, launch.record_at)
     )
+    rows = 4 if kind.joints == "pins" else 7  # numbers of each mass's state
     return GroupSizes(
-        masses, springs, active, dt, steps, mass_at, spring_at,
+        kind, masses, springs, active, dt, steps, mass_at, spring_at,
         state_at=local(rows * mass_at), impulse_at=local(worker * launch.workspace), record_at=record_at,
         ends=launch.ends, direction=launch.direction,
     )  # fmt: skip
 
 
 def group_arrays(arrays: LaneArrays, group: GroupSizes, g: Any) -> GroupArrays:
-    """Group `g` of a launch's values or slopes."""
-    fall, decay, delay, socket, corner, play, friction, sticks, slide = (
+    """Group `g` of a launch's values or tangents."""
+    normal, decay, delay, socket, corner, play, friction, slip_angle, tangential = (
         load(arrays.properties, PROPERTIES * g + k) for k in range(1, PROPERTIES) if k != STEPS
     )
     x, y, vx, vy, cosine, sine, spin = (
@@ -186,11 +223,11 @@ def group_arrays(arrays: LaneArrays, group: GroupSizes, g: Any) -> GroupArrays:
         OffsetView(arrays.impulse, local(group.impulse_at + k * group.masses)) for k in range(3)
     )
     return GroupArrays(
-        fall, slide, decay, delay, socket, corner, play, friction, sticks, x, y, vx, vy, cosine, sine, spin,
-        x,
+        normal, tangential, decay, delay, socket, corner, play, friction, slip_angle,
+        x, y, vx, vy, cosine, sine, spin, x,
         impulse_x, impulse_y, moment, impulse_x,
         OffsetView(arrays.record, group.record_at),
-        OffsetView(arrays.per_mass, group.mass_at), OffsetView(arrays.per_inertia, group.mass_at),
+        OffsetView(arrays.inverse_mass, group.mass_at), OffsetView(arrays.inverse_inertia, group.mass_at),
         OffsetView(arrays.friction, group.mass_at),
         arrays.rest_length, arrays.stiffness, arrays.buckling, arrays.damping, arrays.bending,
         arrays.bristle, arrays.free_length, arrays.spring_rate,

@@ -1,4 +1,4 @@
-"""Where a robot's numbers lie on a device, and names for them.
+"""The memory layout of a robot on a device: its history, and the memory that its block of threads shares.
 
 A robot's weights, springs and start lie as on the CPU (`eldir.engine.pack`). Its history is what the reverse
 sweep and the weights' gradient need of each step, side by side.
@@ -9,9 +9,9 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from eldir.controller import HIDDEN
-from eldir.engine.device.block import SharedMemory, Values
+from eldir.engine.compiler import subscript, ti
 from eldir.engine.grid import FAMILIES
-from eldir.engine.kernels.layout import CPG_ROWS, Footing, Forces, Gradient, blocks
+from eldir.engine.kernels.layout import CPG_ROWS, Forces, Gradient, GroundSegments, blocks
 from eldir.engine.kernels.memory import local
 
 PARTS = 8
@@ -19,7 +19,7 @@ PARTS = 8
 ROWS = 8
 """Rows of weights that a thread loads before it multiplies them."""
 WARP = 32
-"""Threads that run in step."""
+"""Threads that run in lockstep."""
 STATE = 4
 """x, y, vx, vy."""
 CARRY = 6
@@ -27,7 +27,40 @@ CARRY = 6
 velocities of the adjacent step."""
 
 
-class Place(NamedTuple):
+class Values(NamedTuple):
+    """`values[i]` and `values.each[i]` are element `first + i` of an array."""
+
+    array: Any
+    first: Any
+
+    def __getitem__(self, i: Any) -> Any:
+        return subscript(None, self.array, self.first + i)
+
+    @property
+    def each(self) -> Values:
+        return self
+
+    def __add__(self, count: Any) -> Values:  # type: ignore[override]
+        return Values(self.array, self.first + count)
+
+
+class SharedMemory:
+    """Arrays that the threads of a block share: in the device's shared memory or, on the CPU, one after the
+    other in `array` from `first` on. `used` counts their values. Without a type `real` it only counts."""
+
+    def __init__(self, real: Any = None, on_device: bool = True, array: Any = None, first: Any = 0):
+        self._real, self._on_device = real, on_device
+        self._array, self._first = array, first
+        self.used = 0
+
+    def allocate(self, count: int) -> Values:
+        first, self.used = self.used, self.used + count
+        if self._on_device and self._real is not None:
+            return Values(ti.simt.block.SharedArray((count,), self._real), 0)
+        return Values(self._array, self._first + first)
+
+
+class DeviceOffsets(NamedTuple):
     """Size of a robot, and the offset of each of its arrays."""
 
     robot: Any
@@ -72,14 +105,14 @@ class Size(NamedTuple):
         return self.b2 + self.padded_motors
 
     @property
-    def kept_inputs(self) -> Any:
+    def input_values(self) -> Any:
         """The inputs and, padded to eight, a 1, whose weight is the hidden units' bias."""
         return self.inputs + 8
 
     @property
     def step_values(self) -> Any:
         """Values of the history for one step."""
-        return STATE * self.cell_rows + 2 * HIDDEN + self.padded_motors + self.kept_inputs
+        return STATE * self.cell_rows + 2 * HIDDEN + self.padded_motors + self.input_values
 
 
 def size(masses: Any, motors: Any, cells: Any, reach: Any) -> Size:
@@ -100,11 +133,11 @@ class StepHistory(NamedTuple):
     action: Values
     """Activations; in the reverse sweep replaced by their gradients before tanh."""
     inputs: Values
-    """`Size.kept_inputs` values."""
+    """`Size.input_values` values."""
 
 
-def step_history(history: Any, place: Place, n: Size, t: Any) -> StepHistory:
-    start = Values(history, local(place.history_at + t * n.step_values))
+def step_history(history: Any, at: DeviceOffsets, n: Size, t: Any) -> StepHistory:
+    start = Values(history, local(at.history_at + t * n.step_values))
     x, y, wx, wy = (start + c * n.cell_rows for c in range(4))
     hidden = start + 4 * n.cell_rows
     action = hidden + 2 * HIDDEN
@@ -112,7 +145,7 @@ def step_history(history: Any, place: Place, n: Size, t: Any) -> StepHistory:
 
 
 class Shared(NamedTuple):
-    """What the threads of a robot share."""
+    """Memory that the threads of a robot share: the device's counterpart of `kernels.layout.Scratch`."""
 
     x: Values
     y: Values
@@ -135,17 +168,17 @@ class Shared(NamedTuple):
     """With the second-order integrator: velocities a step earlier; in the reverse sweep, gradients of the
     velocities that were sensed a step later."""
     adjacent_vy: Any
-    under: Any
+    segments_below: Any
     """The segment of ground that was last found below each mass."""
-    facing: Any
+    segments_hit: Any
     """The segment that each mass hits."""
-    asked: Any
+    search_x: Any
     """The x at which the ground is searched."""
 
-    def of(self, thread: Any) -> Shared:
-        """The same with what one thread looks up of the ground."""
-        facing = Footing(*(column + thread for column in self.facing))
-        return self._replace(facing=facing, asked=self.asked + thread)
+    def for_thread(self, thread: Any) -> Shared:
+        """The same with the entries of one thread for its search of the ground."""
+        hit = GroundSegments(*(column + thread for column in self.segments_hit))
+        return self._replace(segments_hit=hit, search_x=self.search_x + thread)
 
     @property
     def carry(self) -> tuple[Values, ...]:
@@ -153,7 +186,7 @@ class Shared(NamedTuple):
         return self.x, self.y, self.vx, self.vy, *self._adjacent
 
     @property
-    def g_carry(self) -> tuple[Values, ...]:
+    def gradient_carry(self) -> tuple[Values, ...]:
         """The same for the reverse sweep."""
         return self.g.x, self.g.y, self.g.vx, self.g.vy, *self._adjacent
 
@@ -163,15 +196,15 @@ class Shared(NamedTuple):
 
     @property
     def g_activations(self) -> Values:
-        """Each spring's activation gives way to its gradient."""
+        """Each spring's activation is overwritten by its gradient."""
         return self.activations
 
 
 def forward_memory(memory: SharedMemory, threads: int, friction: bool, staggered: bool) -> Shared:
     """Shared memory of a robot's forward pass."""
-    x, forces = memory.take(STATE * threads), memory.take(2 * FAMILIES * threads)
-    activations, inputs = memory.take(FAMILIES * threads), memory.take(CPG_ROWS + 4 * threads + 8)
-    partial, sums, hidden = memory.take(threads), memory.take(2 * PARTS), memory.take(HIDDEN)
+    x, forces = memory.allocate(STATE * threads), memory.allocate(2 * FAMILIES * threads)
+    activations, inputs = memory.allocate(FAMILIES * threads), memory.allocate(CPG_ROWS + 4 * threads + 8)
+    partial, sums, hidden = memory.allocate(threads), memory.allocate(2 * PARTS), memory.allocate(HIDDEN)
     return Shared(
         x, x + threads, x + 2 * threads, x + 3 * threads,
         Forces(forces, forces + FAMILIES * threads, threads), activations, None, inputs, None, partial, sums,
@@ -182,9 +215,9 @@ def forward_memory(memory: SharedMemory, threads: int, friction: bool, staggered
 def reverse_memory(memory: SharedMemory, threads: int, friction: bool, staggered: bool) -> Shared:
     """Shared memory of a robot's reverse sweep. Where the springs no longer need a step's positions and the
     gradients of its velocities, the motors' deltas lie; where their forces were, what was sensed."""
-    x, forces = memory.take(8 * threads), memory.take(2 * FAMILIES * threads)
-    activations = memory.take(FAMILIES * threads)
-    partial, sums, hidden = memory.take(threads), memory.take(2 * PARTS), memory.take(2 * HIDDEN)
+    x, forces = memory.allocate(8 * threads), memory.allocate(2 * FAMILIES * threads)
+    activations = memory.allocate(FAMILIES * threads)
+    partial, sums, hidden = memory.allocate(threads), memory.allocate(2 * PARTS), memory.allocate(2 * HIDDEN)
     return Shared(
         x, x + threads, None, None, Forces(forces, forces + FAMILIES * threads, threads), activations,
         Gradient(*(x + k * threads for k in range(2, 8))), x, forces, partial, sums,  # type: ignore[arg-type]
@@ -195,16 +228,16 @@ def reverse_memory(memory: SharedMemory, threads: int, friction: bool, staggered
 def _adjacent(memory: SharedMemory, threads: int, staggered: bool) -> tuple[Any, Any]:
     if not staggered:
         return None, None
-    x = memory.take(2 * threads)
+    x = memory.allocate(2 * threads)
     return x, x + threads
 
 
 def _ground(memory: SharedMemory, threads: int, friction: bool) -> tuple[Any, Any, Any]:
-    """What masses remember of the ground, and look up; nothing without friction."""
+    """The segments that masses remember, and those that they find; nothing without friction."""
     if not friction:
         return None, None, None
-    fields = len(Footing._fields)
-    columns = memory.take((2 * fields + 1) * threads)
-    under = Footing(*(columns + k * threads for k in range(fields)))  # type: ignore[arg-type]
-    facing = Footing(*(columns + (fields + k) * threads for k in range(fields)))  # type: ignore[arg-type]
-    return under, facing, columns + 2 * fields * threads
+    fields = len(GroundSegments._fields)
+    columns = memory.allocate((2 * fields + 1) * threads)
+    below = GroundSegments(*(columns + k * threads for k in range(fields)))  # type: ignore[arg-type]
+    hit = GroundSegments(*(columns + (fields + k) * threads for k in range(fields)))  # type: ignore[arg-type]
+    return below, hit, columns + 2 * fields * threads

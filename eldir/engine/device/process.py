@@ -21,30 +21,30 @@ from eldir.core.worker_process import WorkerProcess
 from eldir.errors import EldirError, InputError, MissingDependencyError
 
 if TYPE_CHECKING:
-    from eldir.engine.device.records import Outcome, Task
+    from eldir.engine.device.records import DeviceResult, DeviceTask
 
 _logger = logging.getLogger(__name__)
 _REMEDY = "use --device cpu or auto, or set ELDIR_DEVICE to one of them"
-_SPARED = 512 << 20
+_RESERVED_MEMORY = 512 << 20
 """Memory of a device that is left to its driver and to others [bytes]."""
 _UNKNOWN_MEMORY = 1 << 30
-"""What is used of a device that does not tell its memory (Vulkan) [bytes]."""
-_VULKAN_STEPS, _VULKAN_SPAN = 10_000, 200
-"""Most steps of a rollout, and of one launch."""
+"""Memory that is used of a device that does not report its memory (Vulkan) [bytes]."""
+_MAX_VULKAN_STEPS, _MAX_VULKAN_SPAN = 10_000, 200
+"""Limits of the steps of a rollout, and of one launch."""
 
 
 def chosen_device() -> Device:
     """cpu | cuda | vulkan: where robots learn. With `ELDIR_DEVICE=auto` cuda where there is such a device."""
-    asked = device_name()
-    if asked != "auto":
-        return asked
+    name = device_name()
+    if name != "auto":
+        return name
     return "cuda" if cuda_devices() else "cpu"
 
 
 @cache
 def cuda_devices() -> int:
     """Number of CUDA devices that NVIDIA's driver shows; 0 where there is no driver."""
-    driver, count = _driver(), ctypes.c_int(0)
+    driver, count = cuda_driver(), ctypes.c_int(0)
     if driver is None or driver.cuInit(0) or driver.cuDeviceGetCount(ctypes.byref(count)):
         return 0
     return count.value
@@ -53,7 +53,7 @@ def cuda_devices() -> int:
 def learns_on_device(record: bool = False, other_gradients: bool = False, shortcuts: bool = True) -> bool:
     """Whether robots learn on a device, or their gradients are computed there.
 
-    Raises `InputError` for what no device computes yet, but with `ELDIR_DEVICE=auto`: then it is said, and
+    Raises `InputError` for what devices do not compute yet. With `ELDIR_DEVICE=auto` it warns instead, and
     the processor computes it."""
     device = chosen_device()
     not_yet = {
@@ -61,38 +61,38 @@ def learns_on_device(record: bool = False, other_gradients: bool = False, shortc
         "gradients of physics": other_gradients,
         "rollouts without the engine's shortcuts": not shortcuts,
     }
-    wanted = [what for what, is_wanted in not_yet.items() if is_wanted]
-    if device == "cpu" or not wanted:
+    missing = [what for what, is_requested in not_yet.items() if is_requested]
+    if device == "cpu" or not missing:
         return device != "cpu"
     if device_name() != "auto":
         raise InputError(
-            f"{device} does not compute {wanted[0]} yet",
+            f"{device} does not compute {missing[0]} yet",
             code="device.not-yet",
             remedy=_REMEDY,
         )
-    _tell_once(f"{device} does not compute {wanted[0]} yet: the processor does")
+    warn_once(f"{device} does not compute {missing[0]} yet: the processor does")
     return False
 
 
 @cache
-def _tell_once(line: str) -> None:
-    _logger.warning(line)
+def warn_once(message: str) -> None:
+    _logger.warning(message)
 
 
-def compute(task: Task) -> Outcome:
+def compute(task: DeviceTask) -> DeviceResult:
     """Computes a task on the first device that is free. Any thread may call it.
 
     Raises `EldirError` where there is no device, or where a robot does not fit into its memory."""
-    with _workers(chosen_device()).borrowed() as worker:
-        worker.begin(_run, task)
-        outcome: Outcome = worker.value()
+    with device_workers(chosen_device()).borrow() as worker:
+        worker.begin(run_task, task)
+        outcome: DeviceResult = worker.value()
         return outcome
 
 
-def device_text() -> str:
+def device_label() -> str:
     """The name of the device on which robots learn, which is started for that. Raises `EldirError`."""
-    with _workers(chosen_device()).borrowed() as worker:
-        worker.begin(_name)
+    with device_workers(chosen_device()).borrow() as worker:
+        worker.begin(_device_label)
         return str(worker.value())
 
 
@@ -101,7 +101,7 @@ def device_count() -> int:
     return max(cuda_devices(), 1) if chosen_device() == "cuda" else 1
 
 
-class _Workers:
+class DeviceWorkers:
     """A process for each device, started when it is first needed; it lives as long as this process."""
 
     def __init__(self, device: str):
@@ -110,17 +110,17 @@ class _Workers:
         self._free: queue.Queue[int] = queue.Queue()
         for index in range(device_count()):
             self._free.put(index)
-        atexit.register(self._end, range(device_count()))
+        atexit.register(self.stop, range(device_count()))
 
     @contextlib.contextmanager
-    def borrowed(self) -> Iterator[WorkerProcess]:
+    def borrow(self) -> Iterator[WorkerProcess]:
         index = self._free.get()
         try:
             if index not in self._started:
                 self._start(index)
             yield self._started[index]
-        except BaseException:  # an answer that nobody waits for may be on its way: the next one starts anew
-            self._end([index])
+        except BaseException:  # its answer may still come: stop this process, the next task starts another
+            self.stop([index])
             raise
         finally:
             self._free.put(index)
@@ -130,22 +130,22 @@ class _Workers:
         name = shown[index] if any(shown) else str(index)
         environment = {"CUDA_VISIBLE_DEVICES": name} if self._device == "cuda" else {}
         self._started[index] = WorkerProcess("eldir.engine.device.run", environment).__enter__()
-        self._started[index].begin(_open, self._device)
+        self._started[index].begin(start_device, self._device)
         _logger.info("robots learn on %s", self._started[index].value())
 
-    def _end(self, which: Iterable[int]) -> None:
+    def stop(self, which: Iterable[int]) -> None:
         for index in which:
             if (worker := self._started.pop(index, None)) is not None:
                 worker.__exit__(None, None, None)
 
 
 @cache
-def _workers(device: str) -> _Workers:
-    return _Workers(device)
+def device_workers(device: str) -> DeviceWorkers:
+    return DeviceWorkers(device)
 
 
-def _open(device: str) -> str:
-    """Runs in the worker: starts the compiler on the device, and tells its name.
+def start_device(device: str) -> str:
+    """Runs in the worker: starts the compiler on the device, and returns its name.
 
     The compilers go on with the processor where they find no device, and only warn."""
     from eldir.engine.compiler import NAME, ti
@@ -157,7 +157,7 @@ def _open(device: str) -> str:
             expected="a GPU of NVIDIA and its driver",
             remedy=_REMEDY,
         )
-    with contextlib.redirect_stdout(io.StringIO()):  # it greets whatever one asks
+    with contextlib.redirect_stdout(io.StringIO()):  # it prints its version in spite of all settings
         ti.init(arch=getattr(ti, device), log_level=ti.ERROR, offline_cache=True)
     started = _device()
     if started != device:
@@ -168,7 +168,7 @@ def _open(device: str) -> str:
             found=f"it started on {started}",
             remedy=_REMEDY,
         )
-    return _name()
+    return _device_label()
 
 
 def _device() -> str:
@@ -178,10 +178,10 @@ def _device() -> str:
     return str(ti.lang.impl.current_cfg().arch.name)
 
 
-def _run(task: Task) -> Outcome:
+def run_task(task: DeviceTask) -> DeviceResult:
     """Runs in the worker."""
     from eldir.engine.compiler import ti
-    from eldir.engine.device.run import Memory, batch_bytes, run
+    from eldir.engine.device.run import DeviceMemory, batch_bytes, run
 
     kinds = {"float32": ti.f32, "float64": ti.f64, "int32": ti.i32}
 
@@ -195,47 +195,49 @@ def _run(task: Task) -> Outcome:
         return there
 
     if _device() == "vulkan":
-        task = _in_short_launches(task)
+        task = _shorten_launches(task)
     room = _free_memory() - batch_bytes(task)
-    return run(task, Memory(array, empty, lambda there: there.to_numpy(), room // task.weights.itemsize))
+    return run(
+        task, DeviceMemory(array, empty, lambda there: there.to_numpy(), room // task.weights.itemsize)
+    )
 
 
-def _in_short_launches(task: Task) -> Task:
-    """Mesa's Vulkan on the processor ends all loops of a launch after 65 535 rounds, and says nothing."""
+def _shorten_launches(task: DeviceTask) -> DeviceTask:
+    """Mesa's Vulkan on the processor ends all loops of a launch after 65 535 rounds, without an error."""
     settings = task.settings
-    if settings.steps > _VULKAN_STEPS:
+    if settings.steps > _MAX_VULKAN_STEPS:
         raise InputError(
             "a rollout is too long for Vulkan",
             code="device.too-many-steps",
-            expected=f"at most {_VULKAN_STEPS:,} steps",
+            expected=f"at most {_MAX_VULKAN_STEPS:,} steps",
             found=f"{settings.steps:,}",
             remedy="ELDIR_DEVICE=cpu",
         )
-    return task._replace(settings=settings._replace(end=min(settings.end, _VULKAN_SPAN)))
+    return task._replace(settings=settings._replace(end=min(settings.end, _MAX_VULKAN_SPAN)))
 
 
 def _free_memory() -> int:
     """Memory of the device that may be used [bytes]."""
-    driver, context = _driver(), ctypes.c_void_p()
+    driver, context = cuda_driver(), ctypes.c_void_p()
     free, total = ctypes.c_size_t(0), ctypes.c_size_t(0)
     if _device() == "cuda" and driver is not None and not driver.cuCtxGetCurrent(ctypes.byref(context)):
         if context or not driver.cuDevicePrimaryCtxRetain(ctypes.byref(context), 0):
             driver.cuCtxSetCurrent(context)
             if not driver.cuMemGetInfo_v2(ctypes.byref(free), ctypes.byref(total)):
-                return free.value - _SPARED
+                return free.value - _RESERVED_MEMORY
     return _UNKNOWN_MEMORY
 
 
-def _name() -> str:
+def _device_label() -> str:
     """Runs in the worker: the device's name."""
-    driver, text = _driver(), ctypes.create_string_buffer(256)
+    driver, text = cuda_driver(), ctypes.create_string_buffer(256)
     if _device() != "cuda" or driver is None or driver.cuDeviceGetName(text, 256, 0):
         return _device()
     return text.value.decode(errors="replace")
 
 
 @cache
-def _driver() -> Any:
+def cuda_driver() -> Any:
     """NVIDIA's driver; None where there is none."""
     for name in ("libcuda.so.1", "libcuda.so", "nvcuda.dll"):
         with contextlib.suppress(OSError):

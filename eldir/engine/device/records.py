@@ -1,4 +1,4 @@
-"""Arguments of the device's kernels, and the task of a batch, from which they are filled."""
+"""Arguments of the device's kernels, the task of a batch, from which they are filled, and its result."""
 
 from __future__ import annotations
 
@@ -7,9 +7,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from eldir.engine.kernels.learning_launch import GroundArrays, SceneNumbers, UpdateRule
-from eldir.engine.launch import Constant, Count, Integers
-from eldir.engine.launch import Values as Numbers
+from eldir.engine.kernels.learning_launch import GroundArrays, SceneConstants, UpdateRule
+from eldir.engine.runtime import Constant, Count, Integers
+from eldir.engine.runtime import Values as Numbers
+
+DEVICE, ASCENDING, DESCENDING = 0, 1, -1
+"""Order of the threads of a block: all at once, or one after the other."""
 
 
 class DeviceSettings(NamedTuple):
@@ -24,21 +27,21 @@ class DeviceSettings(NamedTuple):
     iteration: Count
     """Number of updates that were made."""
     iterations: Count
-    """Updates; 0 asks for the gradient itself."""
+    """Number of updates; with 0 the result is the gradient itself."""
     contact: Constant
     """`contact.NO_CONTACT`, `NO_SLIP` or `FRICTION`."""
     staggered: Constant
-    physical: Constant
-    listening: Count
+    physics_gradients: Constant
+    closed_loop: Count
     """Whether the controller senses."""
-    controlling: Count
-    stopping: Count
+    control_passive: Count
+    stop_on_divergence: Count
 
 
 class DeviceArrays(NamedTuple):
     """All robots of a batch, one after the other (`eldir.engine.pack.Batch`)."""
 
-    own: Numbers
+    scalars: Numbers
     start: Numbers
     reference: Numbers
     velocity: Numbers
@@ -55,17 +58,17 @@ class DeviceLaunch(NamedTuple):
     workers: Count
     """Blocks: one for each robot."""
     first: Count
-    """Row of `places` of the first robot."""
+    """Row of `offsets` of the first robot."""
     order: Count
-    """Of the threads, on the CPU: ASCENDING or DESCENDING (`block`)."""
+    """Order of the threads: `DEVICE`, or on the CPU `ASCENDING` or `DESCENDING`."""
     settings: DeviceSettings
-    scene: SceneNumbers
+    scene: SceneConstants
     rule: UpdateRule
     ground: GroundArrays
     cpgs: Numbers
     """Outputs of the central pattern generators at every step, 16 each."""
-    places: Integers
-    """`layout.Place` of each robot, in the order in which they are computed."""
+    offsets: Integers
+    """`layout.DeviceOffsets` of each robot, in the order in which they are computed."""
     arrays: DeviceArrays
     weights: Numbers
     best: Numbers
@@ -79,29 +82,29 @@ class DeviceLaunch(NamedTuple):
     losses: Numbers
     """(robots, iterations + 1) [m]."""
     status: Integers
-    """For each robot -1, or the step at which it blew up."""
+    """For each robot -1, or the step at which it diverged."""
     shared: Numbers
     """The blocks' shared memory on the CPU, else empty."""
 
 
-class Task(NamedTuple):
-    """A batch of robots as packed for the CPU, and what is to be computed of it."""
+class DeviceTask(NamedTuple):
+    """A batch of robots as packed for the CPU, and what is computed of it."""
 
     precision: str
     settings: DeviceSettings
-    scene: SceneNumbers
+    scene: SceneConstants
     rule: UpdateRule
     ground: GroundArrays
     cpgs: NDArray
     sizes: NDArray[np.int32]
     """Masses, motors, cells and reach of every robot, shape (n, 4)."""
-    at: NDArray[np.int32]
+    offsets: NDArray[np.int32]
     """Offsets of its cells, masses, motors and weights, shape (n, 4)."""
     arrays: DeviceArrays
     weights: NDArray
 
 
-class Outcome(NamedTuple):
+class DeviceResult(NamedTuple):
     """As in `eldir.engine.batch.BatchResult`."""
 
     losses: NDArray

@@ -1,4 +1,4 @@
-"""Running a batch on a device: its arrays, robots in chunk, and the launches of every iteration."""
+"""Running a batch on a device: its arrays, robots in chunks, and the launches of every iteration."""
 
 from __future__ import annotations
 
@@ -11,36 +11,35 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eldir.engine.device import layout
-from eldir.engine.device.block import DEVICE
 from eldir.engine.device.kernels import kernels, shared_values
-from eldir.engine.device.records import DeviceArrays, DeviceLaunch, Outcome, Task
+from eldir.engine.device.records import DEVICE, DeviceArrays, DeviceLaunch, DeviceResult, DeviceTask
 from eldir.errors import EldirError
 
 _logger = logging.getLogger(__name__)
 
-WIDTH = 64
-"""Blocks have a multiple of so many threads."""
+THREADS_STEP = 64
+"""The number of threads of a block is a multiple of this."""
 _INDEX_LIMIT = 2**31 - 2**16
 
 
 @dataclass(frozen=True)
-class Memory:
+class DeviceMemory:
     """Where arrays are put, and how many values of a history there is room for."""
 
     array: Callable[[NDArray], Any]
     """Puts an array where kernels read it."""
     empty: Callable[[int, Any], Any]
-    back: Callable[[Any], NDArray]
+    to_numpy: Callable[[Any], NDArray]
     history_values: int
     order: int = DEVICE
 
 
-def in_numpy(order: int, history_values: int = _INDEX_LIMIT) -> Memory:
+def numpy_memory(order: int, history_values: int = _INDEX_LIMIT) -> DeviceMemory:
     """The memory of kernels that run on the CPU, thread by thread."""
-    return Memory(lambda a: a, np.zeros, lambda a: a, history_values, order)
+    return DeviceMemory(lambda a: a, np.zeros, lambda a: a, history_values, order)
 
 
-def run(task: Task, memory: Memory) -> Outcome:
+def run(task: DeviceTask, memory: DeviceMemory) -> DeviceResult:
     """Computes all robots, as many at a time as the history has room for. Raises `EldirError` where one robot
     has no room."""
     real = task.weights.dtype
@@ -56,7 +55,7 @@ def run(task: Task, memory: Memory) -> Outcome:
         ground=task.ground._replace(
             segments=put(task.ground.segments), cell_segment=put(task.ground.cell_segment)
         ),
-        cpgs=put(task.cpgs), places=put(rows), arrays=DeviceArrays(*map(put, task.arrays)),
+        cpgs=put(task.cpgs), offsets=put(rows), arrays=DeviceArrays(*map(put, task.arrays)),
         weights=put(task.weights.copy()), best=put(np.zeros_like(task.weights)),
         transposed=empty(len(task.weights), real), g_weights=empty(len(task.weights), real),
         history=empty(max(c.history for c in chunks), real),
@@ -66,17 +65,19 @@ def run(task: Task, memory: Memory) -> Outcome:
     )  # fmt: skip
     for chunk in chunks:
         _compute(launch._replace(workers=chunk.robots, first=chunk.first), chunk.threads, task)
-    back = memory.back
-    return Outcome(back(launch.losses).reshape(robots, -1), back(launch.status), back(launch.best))
+    to_numpy = memory.to_numpy
+    return DeviceResult(
+        to_numpy(launch.losses).reshape(robots, -1), to_numpy(launch.status), to_numpy(launch.best)
+    )
 
 
-def batch_bytes(task: Task) -> int:
+def batch_bytes(task: DeviceTask) -> int:
     """What a batch takes of a device's memory beside the history [bytes]."""
     carry = layout.CARRY * task.arrays.mask.nbytes
     return 4 * task.weights.nbytes + carry + sum(a.nbytes for a in task.arrays) + task.cpgs.nbytes
 
 
-def _compute(launch: DeviceLaunch, threads: int, task: Task) -> None:
+def _compute(launch: DeviceLaunch, threads: int, task: DeviceTask) -> None:
     run = kernels(task.precision, threads, launch.order == DEVICE)
     steps, iterations = task.settings.steps, task.settings.iterations
     spans = [(first, min(first + task.settings.end, steps)) for first in range(0, steps, task.settings.end)]
@@ -101,28 +102,28 @@ class _Chunk(NamedTuple):
     """Values."""
 
 
-def _chunks(task: Task, memory: Memory) -> tuple[NDArray[np.int32], list[_Chunk]]:
-    """The robots' places, the largest first, and which of them are computed together."""
+def _chunks(task: DeviceTask, memory: DeviceMemory) -> tuple[NDArray[np.int32], list[_Chunk]]:
+    """The robots' offsets, the largest robot first, and which of them are computed together."""
     n = layout.size(*task.sizes.T.astype(np.int64))
     need = n.step_values * task.settings.steps + layout.WARP
-    if need.max() > (most := min(memory.history_values, _INDEX_LIMIT)):
+    if need.max() > (max_values := min(memory.history_values, _INDEX_LIMIT)):
         raise EldirError(
             "the history of a robot does not fit on the device",
             code="device.memory",
-            expected=f"at most {most:,} numbers",
+            expected=f"at most {max_values:,} numbers",
             found=f"{need.max():,} in {task.settings.steps:,} steps",
             remedy="fewer steps, or ELDIR_DEVICE=cpu",
         )
-    threads = -(-n.cell_rows // WIDTH) * WIDTH
+    threads = -(-n.cell_rows // THREADS_STEP) * THREADS_STEP
     order = np.lexsort((-need, -threads))
     history_at, chunks = np.zeros_like(need), []
-    for part in _parts(need[order], threads[order], most):
+    for part in _parts(need[order], threads[order], max_values):
         chosen = order[part]
         ends = np.cumsum(need[chosen])
         history_at[chosen] = ends - need[chosen]
         chunks.append(_Chunk(part.start, len(chosen), int(threads[chosen[0]]), int(ends[-1])))
-    places = np.column_stack([np.arange(len(need)), task.sizes, task.at, history_at])
-    return places[order].astype(np.int32).ravel(), chunks
+    offsets = np.column_stack([np.arange(len(need)), task.sizes, task.offsets, history_at])
+    return offsets[order].astype(np.int32).ravel(), chunks
 
 
 def _parts(need: NDArray[np.int64], threads: NDArray[np.int64], room: int) -> Iterator[slice]:

@@ -1,7 +1,7 @@
-"""Names for what lies in memory: a robot, its states over time, their gradients, and scratch.
+"""The memory layout of a robot: its weights, its states over time, their gradients, and scratch memory.
 
-All of this is resolved while Taichi compiles: `now.x[i]` is nothing but `lanes[now // 16 + i]`. The same
-functions, called with plain numbers, say how much memory a robot needs.
+All of this is resolved while the kernel is compiled: `now.x[i]` is nothing but `lanes[now // 16 + i]`. The
+same functions, called with plain numbers, say how much memory a robot needs.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ LANES = 16
 """Number of masses that are computed at a time."""
 CPG_ROWS = 16
 """The ten central pattern generators, padded."""
-OWN = 3
+SCALARS = 3
 """Number of scalars of a robot: decay of its velocities and gravity in a step, friction."""
 CHUNK = 50
 """Number of steps whose weight gradients are summed as one matrix product."""
 
 
-class Place(NamedTuple):
+class RobotOffsets(NamedTuple):
     """Size of a robot, and the offset of each of its arrays."""
 
     masses: Any
@@ -34,11 +34,11 @@ class Place(NamedTuple):
     motor_at: Any
     weight_at: Any
     record_at: Any
-    slopes_at: Any
+    physics_gradients_at: Any
     cotangents_at: Any
 
 
-def place(table: Any, r: Any, kind: Any = Place) -> Any:
+def read_row(table: Any, r: Any, kind: Any = RobotOffsets) -> Any:
     """Row `r` of a table with one row for each robot, as a tuple of this kind."""
     row = OffsetView(table, r * len(kind._fields))
     return kind(*(local(row[k]) for k in range(len(kind._fields))))
@@ -81,12 +81,12 @@ class Size(NamedTuple):
         return 4 * self.cell_rows + 2 * self.motor_blocks
 
     @property
-    def slope_values(self) -> Any:
-        """Number of values of `slopes`."""
+    def physics_values(self) -> Any:
+        """Number of values of `PhysicsGradients`."""
         return (2 * FAMILIES + 2) * self.cells + 3 * LANES
 
     @property
-    def kept_inputs(self) -> Any:
+    def input_values(self) -> Any:
         """Number of values that the controller receives: what it senses, by cell, and the pattern
         generators."""
         return 4 * self.cells + CPG_ROWS
@@ -142,8 +142,8 @@ class State(NamedTuple):
     wx: Column
     """Velocity after the springs, before contact."""
     wy: Column
-    met: Column
-    """Whether any of 16 masses met the ground; used with friction."""
+    contact: Column
+    """Whether any of 16 masses hit the ground; used with friction."""
     hidden: Column
     action: Column
     """Activations of the motors, -1 to 1."""
@@ -162,9 +162,9 @@ class StateHistory(NamedTuple):
     def at(self, t: Any) -> State:
         start = Column(self.memory, local(self.first + (t & self.ring) * self.stride))
         x, y, vx, vy, wx, wy = (start + c * self.n.cells for c in range(6))
-        met = start + 6 * self.n.cells
-        hidden = met + self.n.padded_rows
-        return State(x, y, vx, vy, wx, wy, met, hidden, hidden + HIDDEN)
+        contact = start + 6 * self.n.cells
+        hidden = contact + self.n.padded_rows
+        return State(x, y, vx, vy, wx, wy, contact, hidden, hidden + HIDDEN)
 
 
 class Gradient(NamedTuple):
@@ -179,8 +179,8 @@ class Gradient(NamedTuple):
     vy: Column
 
 
-class Slopes(NamedTuple):
-    """Gradient of the loss with respect to one robot's physics, where that is asked for."""
+class PhysicsGradients(NamedTuple):
+    """Gradient of the loss with respect to one robot's physics, where it is requested."""
 
     stiffness_dt: Column
     """By family and cell, like the next."""
@@ -193,27 +193,28 @@ class Slopes(NamedTuple):
     friction: Column
 
 
-def slopes(memory: Memory, first: Any, n: Size) -> Slopes:
+def physics_gradients(memory: Memory, first: Any, n: Size) -> PhysicsGradients:
     stiffness = Column(memory, first)
     rest_length = stiffness + FAMILIES * n.cells
     velocity = rest_length + FAMILIES * n.cells
     decay = velocity + 2 * n.cells
-    return Slopes(stiffness, rest_length, velocity, decay, decay + LANES, decay + 2 * LANES)
+    return PhysicsGradients(stiffness, rest_length, velocity, decay, decay + LANES, decay + 2 * LANES)
 
 
 class Forces(NamedTuple):
-    """On the masses at the far ends of springs, by the cell of the near end; rows of zeros before it."""
+    """Impulses on the masses at the far ends of springs, by the cell of the near end; rows of zeros before
+    it."""
 
-    x: Column
-    y: Column
+    x: Any
+    y: Any
     stride: Any
     """Values from one family of springs to the next."""
 
-    def of(self, family: Any) -> Forces:
+    def family(self, family: Any) -> Forces:
         return Forces(self.x + family * self.stride, self.y + family * self.stride, self.stride)
 
 
-class Footing(NamedTuple):
+class GroundSegments(NamedTuple):
     """Segments of ground: between which x they lie, and their lines (`contact.py`)."""
 
     start: Column
@@ -222,6 +223,7 @@ class Footing(NamedTuple):
     intercept: Column
     level: Column
     nx: Column
+    """Unit normal."""
     ny: Column
 
 
@@ -239,11 +241,11 @@ class Scratch(NamedTuple):
     g_inputs: Column
     """x, y, vx, vy of each mass; then the same by cell."""
     g_sensed: Column
-    under: Footing
+    segments_below: GroundSegments
     """The segment of ground that was last found below each mass."""
-    facing: Footing
+    segments_hit: GroundSegments
     """The segments that 16 masses hit."""
-    asked: Column
+    search_x: Column
     """The x at which the ground is searched, 16 values."""
     g_weights: Weights
     hidden_deltas: Column
@@ -252,19 +254,20 @@ class Scratch(NamedTuple):
     chunk_inputs: Column
 
 
-class Ends:
-    """Ends of pieces of memory: the host computes a table, the kernel reads it. Computing them as sums in the
-    kernel is as fast, but LLVM then takes seconds to analyse the addresses."""
+class OffsetTable:
+    """Offsets of the ends of memory blocks: the host computes a table, the kernel reads it. Computing them as
+    sums in the kernel is as fast, but LLVM then takes seconds to analyse the addresses."""
 
     def __init__(self, table: Any = None, first: Any = 0):
         self.table, self.first = table, first
-        self.written: list[Any] = []
+        self.offsets: list[Any] = []
 
-    def __call__(self, end: Any) -> Any:
-        self.written.append(end)
+    def add(self, end: Any) -> Any:
+        """The next offset: `end`, or what the table says."""
+        self.offsets.append(end)
         if self.table is None:
             return end
-        return local(OffsetView(self.table, self.first)[len(self.written) - 1])
+        return local(OffsetView(self.table, self.first)[len(self.offsets) - 1])
 
 
 class WorkerMemory(NamedTuple):
@@ -272,39 +275,43 @@ class WorkerMemory(NamedTuple):
     scratch: Scratch
 
 
-def workspace(memory: Memory, first: Any, n: Size, states: Any, ring: Any, ends: Ends) -> WorkerMemory:
+def workspace(
+    memory: Memory, first: Any, n: Size, states: Any, ring: Any, table: OffsetTable
+) -> WorkerMemory:
     """One worker's memory for a robot with room for so many states."""
     end: Any = 0
 
-    def take(count: Any) -> Column:
+    def allocate(count: Any) -> Column:
         nonlocal end
-        piece = Column(memory, local(first + end))
-        end = ends(end + HIDDEN * blocks(count, HIDDEN))
-        return piece
+        block = Column(memory, local(first + end))
+        end = table.add(end + HIDDEN * blocks(count, HIDDEN))
+        return block
 
     cells, ap = n.cells, n.padded_motors
-    history = StateHistory(memory, take(states * n.state_values).first, n.state_values, n, ring)
-    inputs = take(n.kept_inputs)
-    w1_transposed, w2_transposed = take(HIDDEN * HIDDEN * n.mass_blocks), take(ap * HIDDEN)
-    activations, g_activations = take(FAMILIES * cells), take(FAMILIES * cells)
+    history = StateHistory(memory, allocate(states * n.state_values).first, n.state_values, n, ring)
+    inputs = allocate(n.input_values)
+    w1_transposed, w2_transposed = allocate(HIDDEN * HIDDEN * n.mass_blocks), allocate(ap * HIDDEN)
+    activations, g_activations = allocate(FAMILIES * cells), allocate(FAMILIES * cells)
     guard = LANES * n.guard_rows
     stride = local(cells + guard)
-    forces = Forces(take(FAMILIES * stride) + guard, take(FAMILIES * stride) + guard, stride)
-    g = Gradient(*(take(cells) for _ in range(6)))
-    g_inputs, g_sensed = take(HIDDEN * n.mass_blocks), take(4 * cells)
-    g_weights = weights(memory, take(HIDDEN * n.weight_rows).first, n)
-    hidden_deltas, action_deltas = take(CHUNK * HIDDEN), take(CHUNK * ap)
-    chunk_inputs = take(CHUNK * n.kept_inputs)
-    under, facing = (Footing(*(take(count) for _ in Footing._fields)) for count in (cells, LANES))
+    forces = Forces(allocate(FAMILIES * stride) + guard, allocate(FAMILIES * stride) + guard, stride)
+    g = Gradient(*(allocate(cells) for _ in range(6)))
+    g_inputs, g_sensed = allocate(HIDDEN * n.mass_blocks), allocate(4 * cells)
+    g_weights = weights(memory, allocate(HIDDEN * n.weight_rows).first, n)
+    hidden_deltas, action_deltas = allocate(CHUNK * HIDDEN), allocate(CHUNK * ap)
+    chunk_inputs = allocate(CHUNK * n.input_values)
+    below, hit = (
+        GroundSegments(*(allocate(count) for _ in GroundSegments._fields)) for count in (cells, LANES)
+    )
     scratch = Scratch(
         inputs, w1_transposed, w2_transposed, activations, g_activations, forces, g, g_inputs, g_sensed,
-        under, facing, take(LANES), g_weights, hidden_deltas, action_deltas, chunk_inputs,
+        below, hit, allocate(LANES), g_weights, hidden_deltas, action_deltas, chunk_inputs,
     )  # fmt: skip
     return WorkerMemory(history, scratch)
 
 
-def workspace_ends(n: Size, states: int) -> list[int]:
-    """End of each piece of `workspace`, in order; the last is its size."""
-    ends = Ends()
-    workspace(Memory(), 0, n, states, -1, ends)
-    return ends.written
+def workspace_offsets(n: Size, states: int) -> list[int]:
+    """End of each block of `workspace`, in order; the last is its size."""
+    table = OffsetTable()
+    workspace(Memory(), 0, n, states, -1, table)
+    return table.offsets

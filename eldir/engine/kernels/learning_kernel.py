@@ -1,5 +1,5 @@
-"""The kernel of the closed-loop robots: a queue of robots over workers, each robot simulated, differentiated
-and taught in one go.
+"""The kernel of the closed-loop robots: workers take robots from a queue; each robot is simulated,
+differentiated and trained in one go.
 
 Everything a worker touches lies in its own workspace, so results depend neither on the number of threads nor
 on which robots are in the queue. Whether to go backward or to record is decided once for each robot, not
@@ -10,73 +10,42 @@ from collections.abc import Callable
 from functools import cache
 
 from eldir.engine.compiler import ti
-from eldir.engine.kernels import layout, rollout, views
-from eldir.engine.kernels.layout import OWN
-from eldir.engine.kernels.learning_launch import LearningLaunch
-from eldir.engine.kernels.vectors import vectors
-from eldir.engine.launch import argument_types, kernel_of
+from eldir.engine.kernels import layout
+from eldir.engine.kernels.contact import FRICTION, reset_segments
+from eldir.engine.kernels.controller import (
+    actuate,
+    actuate_adjoint,
+    add_weight_gradients,
+    clear_sensed_gradients,
+    transpose_weights,
+)
+from eldir.engine.kernels.layout import CHUNK, SCALARS
+from eldir.engine.kernels.learning_launch import (
+    LearningLaunch,
+    cotangents_view,
+    physics_gradients_view,
+    robot_view,
+    weights_view,
+    workspace_view,
+)
+from eldir.engine.kernels.mass_spring import (
+    advance_masses,
+    advance_masses_adjoint,
+    clear_springs,
+    spring_impulses,
+    spring_impulses_adjoint,
+)
+from eldir.engine.kernels.simd import fill, vectors
+from eldir.engine.runtime import argument_types, make_kernel
+
+MAX_SPEEDS = 1e6
+"""Sum of the greatest speeds of 16 groups of masses [m/s] from which on a robot has diverged."""
 
 
 @cache
 def learning_kernel(precision: str) -> Callable[[LearningLaunch], None]:
     """The kernel for 'f32' or 'f64'."""
-    kind = vectors(precision)
-    real = kind.real
-    robot = rollout.functions(kind)
-
-    @ti.func
-    def teach(
-        launch: ti.template(), r, at: ti.template(), body: ti.template(), law: ti.template(),
-        weights: ti.template(), mine: ti.template(),
-    ):  # fmt: skip
-        """Rollouts, gradients and updates of one robot; returns the step at which it blew up, or -1."""
-        settings = ti.static(launch.settings)
-        ground = ti.static(views.ground_of(launch))
-        slopes = ti.static(views.slopes_of(launch, body.n, at))
-        wanted = ti.static(views.cotangents_of(launch, at))
-        g_weights = ti.static(mine.scratch.g_weights)
-        iterations, rows = settings.iterations, body.n.weight_rows
-        acting = body.n.motors > 0 or settings.controlling
-        least = ti.cast(0, real)
-        blown = -1
-        for i in range(iterations + 1):
-            if acting:
-                robot.prepare_controller(body, law, weights, mine.scratch)
-            blown = robot.rollout(mine.history, body, law, ground, weights, mine.scratch, settings.steps)
-            if blown >= 0:
-                break
-            loss = robot.loss_of(mine.history, body, law, settings.steps)
-            launch.losses[r * (iterations + 1) + i] = loss
-            if settings.backward:
-                if iterations > 0 and (i == 0 or loss < least):
-                    least = loss
-                    keep(launch.best, at, weights, rows)
-                if (acting or ti.static(settings.physical)) and (i < iterations or iterations == 0):
-                    robot.reverse(
-                        mine.history, body, law, ground, weights, mine.scratch, slopes, wanted,
-                        settings.steps, settings.window,
-                    )  # fmt: skip
-                    if iterations > 0:
-                        robot.update(weights, g_weights, rows, ti.static(launch.rule))
-                    else:  # the gradient is what was asked for
-                        keep(launch.best, at, g_weights, rows)
-        return blown
-
-    @ti.func
-    def keep(best: ti.template(), at: ti.template(), weights: ti.template(), rows):
-        for k in range(rows):
-            best[(at.weight_at >> 5) + k] = weights.all.row[k]
-
-    @ti.func
-    def write_states(launch: ti.template(), at: ti.template(), n: ti.template(), history: ti.template()):
-        """Writes x, y, vx, vy and the activations of every state, in the history's layout."""
-        for t in range(launch.settings.steps + 1):
-            state = ti.static(history.at(t))
-            q = at.record_at + t * n.recorded_rows
-            for k in range(4 * n.cell_rows):
-                launch.record[q + k] = state.x[k]
-            for k in range(2 * n.motor_blocks):
-                launch.record[q + 4 * n.cell_rows + k] = state.action[k]
+    simd = vectors(precision)
 
     @ti.func
     def work(worker, launch: ti.template()):
@@ -84,18 +53,203 @@ def learning_kernel(precision: str) -> Callable[[LearningLaunch], None]:
             r = ti.atomic_add(launch.queue[0], 1)
             if r >= launch.robots:
                 break
-            decay = launch.arrays.own[OWN * r]
-            gravity_dt, friction = launch.arrays.own[OWN * r + 1], launch.arrays.own[OWN * r + 2]
-            law = ti.static(views.law_of(launch, decay, gravity_dt, friction))
-            at = ti.static(layout.place(launch.places, r))
+            decay = launch.arrays.scalars[SCALARS * r]
+            gravity_dt, friction = (
+                launch.arrays.scalars[SCALARS * r + 1],
+                launch.arrays.scalars[SCALARS * r + 2],
+            )
+            at = ti.static(layout.read_row(launch.offsets, r))
             n = ti.static(layout.size(at.masses, at.motors, at.cells, at.reach))
-            per_mass = ti.cast(1, real) / n.masses
-            body = ti.static(views.robot_of(launch, n, per_mass, at))
-            mine = ti.static(views.workspace_of(launch, worker, n, r))
-            weights = ti.static(views.weights_of(launch, n, at))
-            robot.prepare_springs(body, mine.scratch)
-            launch.status[r] = teach(launch, r, at, body, law, weights, mine)
-            if launch.settings.recording:
-                write_states(launch, at, n, mine.history)
+            inverse_count = ti.cast(1, simd.real) / n.masses
+            body = ti.static(robot_view(simd, launch, (decay, gravity_dt, friction), n, inverse_count, at))
+            memory = ti.static(workspace_view(launch, worker, n, r))
+            weights = ti.static(weights_view(launch, n, at))
+            robot = ti.static(body._replace(weights=weights, work=memory.scratch))
+            clear_springs(robot)
+            launch.status[r] = train(robot, launch, r, at, memory.history)
+            if launch.settings.record:
+                write_states(launch, at, n, memory.history)
 
-    return kernel_of(LearningLaunch, argument_types(real), work)
+    return make_kernel(LearningLaunch, argument_types(simd.real), work)
+
+
+@ti.func
+def train(body: ti.template(), launch: ti.template(), r, at: ti.template(), history: ti.template()):
+    """Rollouts, gradients and updates of one robot; returns the step at which it diverged, or -1."""
+    settings, n, weights = ti.static(launch.settings, body.n, body.weights)
+    robot = ti.static(body._replace(d_physics=physics_gradients_view(launch, n, at)))
+    cotangents = ti.static(cotangents_view(launch, at))
+    g_weights = ti.static(robot.work.g_weights)
+    iterations, rows = settings.iterations, n.weight_rows
+    controlled = n.motors > 0 or settings.control_passive
+    best_loss = ti.cast(0, robot.simd.real)
+    diverged_at = -1
+    for i in range(iterations + 1):
+        if controlled:
+            transpose_weights(robot)
+        diverged_at = rollout(robot, history, settings.steps)
+        if diverged_at >= 0:
+            break
+        loss = mean_displacement_loss(robot, history, settings.steps)
+        launch.losses[r * (iterations + 1) + i] = loss
+        if settings.backward:
+            if iterations > 0 and (i == 0 or loss < best_loss):
+                best_loss = loss
+                write_weights(launch.best, at, weights, rows)
+            if (controlled or ti.static(settings.physics_gradients)) and (i < iterations or iterations == 0):
+                differentiate(robot, history, cotangents, settings.steps, settings.window)
+                if iterations > 0:
+                    update_weights(robot.simd, weights, g_weights, rows, ti.static(launch.rule))
+                else:  # the gradient is the result
+                    write_weights(launch.best, at, g_weights, rows)
+    return diverged_at
+
+
+@ti.func
+def write_weights(best: ti.template(), at: ti.template(), weights: ti.template(), rows):
+    for k in range(rows):
+        best[(at.weight_at >> 5) + k] = weights.all.row[k]
+
+
+@ti.func
+def write_states(launch: ti.template(), at: ti.template(), n: ti.template(), history: ti.template()):
+    """Writes x, y, vx, vy and the activations of every state, in the history's layout."""
+    for t in range(launch.settings.steps + 1):
+        state = ti.static(history.at(t))
+        q = at.record_at + t * n.recorded_rows
+        for k in range(4 * n.cell_rows):
+            launch.record[q + k] = state.x[k]
+        for k in range(2 * n.motor_blocks):
+            launch.record[q + 4 * n.cell_rows + k] = state.action[k]
+
+
+@ti.func
+def write_initial_state(robot: ti.template(), first: ti.template()):
+    for i in range(robot.n.cell_rows):
+        x, y = robot.start[i], robot.start[robot.n.cell_rows + i]
+        vx, vy = robot.velocity[i], robot.velocity[robot.n.cell_rows + i]
+        if ti.static(robot.staggered):
+            x, y = x + 0.5 * robot.dt * vx, y + 0.5 * robot.dt * vy
+        first.x[i], first.y[i] = x, y
+        first.vx[i], first.vy[i] = vx, vy
+
+
+@ti.func
+def rollout(robot: ti.template(), history: ti.template(), steps):
+    """Simulates all steps; returns the step at which the robot diverged, or -1."""
+    write_initial_state(robot, ti.static(history.at(0)))
+    if ti.static(robot.ground.contact == FRICTION):
+        for i in range(robot.n.cell_rows):
+            reset_segments(robot, robot.work.segments_below, i)
+    diverged_at = -1
+    for t in range(steps):
+        now = ti.static(history.at(t))
+        after = ti.static(history.at(t + 1))
+        if robot.n.motors > 0 or robot.control_passive:
+            actuate(robot, now, ti.static(history.at(ti.max(t - 1, 0))), t)
+        spring_impulses(robot, now)
+        fastest = advance_masses(robot, now, after)
+        if diverged_at < 0 and not (fastest.sum() < MAX_SPEEDS):
+            diverged_at = t
+            if robot.stop_on_divergence:
+                break
+    return diverged_at
+
+
+@ti.func
+def mean_displacement_loss(robot: ti.template(), history: ti.template(), steps):
+    """Minus the mean forward displacement."""
+    last, before = ti.static(history.at(steps), history.at(steps - 1))
+    forward = robot.simd.lanes(0.0)
+    for i in range(robot.n.cell_rows):
+        forward += last.x[i] - robot.start[i]
+        if ti.static(robot.staggered):
+            forward += 0.5 * (before.x[i] - last.x[i])
+    return -forward.sum() * robot.inverse_count
+
+
+@ti.func
+def set_final_gradient(robot: ti.template(), share):
+    """The gradient of the loss with respect to the state in which a window ends."""
+    g, simd = ti.static(robot.work.g, robot.simd)
+    for i in range(robot.n.cell_rows):
+        g.x[i] = share * robot.mask[i]
+        g.y[i], g.vx[i], g.vy[i] = simd.lanes(0.0), simd.lanes(0.0), simd.lanes(0.0)
+
+
+@ti.func
+def add_cotangent(robot: ti.template(), cotangents: ti.template(), t):
+    """Adds the given cotangent of the positions of state t to their gradient."""
+    if cotangents.given:
+        g = ti.static(robot.work.g)
+        rows = robot.n.cell_rows
+        for i in range(rows):
+            g.x[i] = g.x[i] + cotangents.positions[2 * rows * t + i]
+            g.y[i] = g.y[i] + cotangents.positions[2 * rows * t + rows + i]
+
+
+@ti.func
+def differentiate(robot: ti.template(), history: ti.template(), cotangents: ti.template(), steps, window):
+    """Writes the gradient of the loss with respect to the weights into `work.g_weights` and, if requested,
+    with respect to physics into `d_physics`: the reverse sweep. With a window, the gradient is that of the
+    displacements in all windows, each traced back to its own beginning only."""
+    n, work, g = ti.static(robot.n, robot.work, robot.work.g)
+    controlled = n.motors > 0 or robot.control_passive
+    for i in range(n.weight_rows):
+        work.g_weights.all.row[i] = robot.simd.row(0.0)
+    share = -robot.inverse_count * (0.5 if ti.static(robot.staggered) else 1.0)
+    if ti.static(robot.physics_gradients):
+        fill(robot.simd, robot.d_physics.stiffness_dt, n.physics_values >> 4, 0.0)
+        share *= ti.select(cotangents.given, 0.0, 1.0)
+    set_final_gradient(robot, share)
+    clear_sensed_gradients(robot)
+    kept = 0
+    for back in range(steps):
+        t = steps - 1 - back
+        if back > 0 and (t + 1) % window == 0:
+            set_final_gradient(robot, share)
+        if ti.static(robot.physics_gradients):
+            add_cotangent(robot, cotangents, t + 1)
+        now = ti.static(history.at(t))
+        advance_masses_adjoint(robot, now)
+        spring_impulses_adjoint(robot, now, ti.static(work.action_deltas + kept * n.padded_motors))
+        if controlled:
+            actuate_adjoint(robot, now, ti.static(history.at(ti.max(t - 1, 0))), t, kept)
+        if ti.static(robot.staggered):
+            if back == 0:
+                for i in range(n.cell_rows):
+                    g.x[i] = g.x[i] + share * robot.mask[i]
+        kept += 1
+        if kept == CHUNK or t == 0:
+            if controlled:
+                latest = ti.static(history.at(t + kept - 1))
+                add_weight_gradients(robot, latest, history.stride, kept)
+            kept = 0
+    if ti.static(robot.physics_gradients):
+        add_cotangent(robot, cotangents, 0)
+        write_velocity_gradient(robot)
+
+
+@ti.func
+def write_velocity_gradient(robot: ti.template()):
+    """The gradient with respect to the initial velocities."""
+    g, velocity = ti.static(robot.work.g, robot.d_physics.velocity)
+    for i in range(robot.n.cell_rows):
+        gx, gy = g.vx[i], g.vy[i]
+        if ti.static(robot.staggered):  # positions are half a step ahead
+            gx, gy = gx + 0.5 * robot.dt * g.x[i], gy + 0.5 * robot.dt * g.y[i]
+        velocity[i], velocity[robot.n.cell_rows + i] = gx, gy
+
+
+@ti.func
+def update_weights(simd: ti.template(), weights: ti.template(), g: ti.template(), rows, rule: ti.template()):
+    """A step against the gradient, always of the same length (paper, Sect. Learning)."""
+    square = simd.row(0.0)
+    for i in range(rows):
+        square += g.all.row[i] * g.all.row[i]
+    bias = g.b1.row[0]
+    square += (rule.bias_gain - 1.0) * bias * bias
+    step = rule.length / (ti.sqrt(square.sum()) + rule.min_gradient)
+    for i in range(rows):
+        weights.all.row[i] = weights.all.row[i] - step * g.all.row[i]
+    weights.b1.row[0] = weights.b1.row[0] - (rule.bias_gain - 1.0) * step * bias

@@ -1,10 +1,15 @@
-"""Arguments of the learning kernel: the host fills these records and the kernel reads them."""
+"""Arguments of the learning kernel, which the host fills, and the record of one robot that its element
+functions read and write."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from eldir.engine.launch import Constant, Count, Integers, Lanes, Number, Ones, Pairs, Quads, Rows, Values
+from eldir.engine.grid import FAMILIES
+from eldir.engine.kernels import layout
+from eldir.engine.kernels.memory import Column, Memory
+from eldir.engine.kernels.simd import Simd
+from eldir.engine.runtime import Constant, Count, Integers, Lanes, Number, Ones, Pairs, Quads, Rows, Values
 
 
 class RunSettings(NamedTuple):
@@ -14,46 +19,46 @@ class RunSettings(NamedTuple):
     window: Count
     """Steps through which a gradient is traced back."""
     iterations: Count
-    """Updates; 0 asks for the gradient itself."""
+    """Number of updates; with 0 the result is the gradient itself."""
     backward: Count
     """Whether gradients are computed."""
-    recording: Count
+    record: Count
     """Whether states are written to `record`."""
     contact: Constant
     """`contact.NO_CONTACT`, `NO_SLIP` or `FRICTION`."""
     staggered: Constant
     """Whether positions are half a step ahead of velocities (docs/reference/accuracy.md)."""
-    physical: Constant
-    """Whether the gradient with respect to physics is wanted."""
+    physics_gradients: Constant
+    """Whether the gradient with respect to physics is computed."""
     cotangents_given: Count
     """Whether `cotangents` replace the loss."""
     states: Count
     """Number of states that the history has room for."""
     ring: Count
     """-1, or one less than a power of two: the history keeps only the latest states."""
-    listening: Count
+    closed_loop: Count
     """Whether the controller senses."""
-    controlling: Count
-    """Whether it acts in bodies without motors."""
-    stopping: Count
-    """Whether a robot that has blown up is not simulated further."""
+    control_passive: Count
+    """Whether the controller is computed for bodies without motors."""
+    stop_on_divergence: Count
+    """Whether a robot that has diverged is not simulated further."""
 
 
-class SceneNumbers(NamedTuple):
-    """Numbers of a scene that all robots share."""
+class SceneConstants(NamedTuple):
+    """Constants of a scene that all robots share."""
 
     dt: Number
     """[s]"""
     actuation: Number
     """Relative change of a motor's rest length at activation 1."""
-    sense: Number
-    """Scale of what is sensed."""
+    sensing_scale: Number
+    """Factor on the controller's sensed inputs."""
     softening: Number
     """Added to a length before dividing [m]."""
-    resting: Number
+    min_landing_speed: Number
     """A mass that falls more slowly does not land [m/s]."""
-    tiny: Number
-    """Added to a speed before dividing [m/s]."""
+    epsilon: Number
+    """Keeps distances [m] and speeds [m/s] from dividing by 0."""
 
 
 class UpdateRule(NamedTuple):
@@ -63,7 +68,7 @@ class UpdateRule(NamedTuple):
     """Length of an update in the space of all weights."""
     bias_gain: Number
     """Factor on the gradient of the hidden bias."""
-    least_gradient: Number
+    min_gradient: Number
     """Added to the gradient's norm before dividing."""
 
 
@@ -72,16 +77,16 @@ class GroundArrays(NamedTuple):
 
     level: Number
     """Height at its start [m]."""
-    top: Number
+    max_height: Number
     """No ground is higher [m]."""
     segments: Values
     """`contact.SEGMENT` values each."""
-    grid_from: Number
-    """[m]"""
+    grid_start: Number
+    """Start of the second cell of the grid [m]."""
     cells_per_m: Number
     cell_segment: Integers
     """The segment where a search in this cell begins."""
-    last: Count
+    last_segment: Count
     """Index of the last segment."""
 
 
@@ -114,8 +119,8 @@ class WorkspaceViews(NamedTuple):
 class RobotArrays(NamedTuple):
     """All robots, one after the other (`eldir.engine.pack.Batch`)."""
 
-    own: Values
-    """`layout.OWN` numbers of each robot."""
+    scalars: Values
+    """`layout.SCALARS` numbers of each robot."""
     start: Lanes
     reference: Lanes
     velocity: Lanes
@@ -134,19 +139,19 @@ class LearningLaunch(NamedTuple):
     workspace: Count
     """Values of `work` for each worker."""
     settings: RunSettings
-    scene: SceneNumbers
+    scene: SceneConstants
     rule: UpdateRule
     ground: GroundArrays
     cpgs: Lanes
     """Outputs of the central pattern generators at every step."""
     queue: Integers
     """The next robot, one number that is shared by the workers."""
-    places: Integers
-    """`layout.Place` of each robot."""
-    ends: Integers
-    """Ends of the pieces of each robot's workspace."""
-    pieces: Count
-    """Number of such pieces for each robot."""
+    offsets: Integers
+    """`layout.RobotOffsets` of each robot."""
+    workspace_offsets: Integers
+    """Ends of the blocks of each robot's workspace (`layout.OffsetTable`)."""
+    blocks: Count
+    """Number of such blocks for each robot."""
     arrays: RobotArrays
     weights: WeightViews
     best: Rows
@@ -155,9 +160,152 @@ class LearningLaunch(NamedTuple):
     losses: Values
     """(robots, iterations + 1) [m]."""
     status: Integers
-    """For each robot -1, or the step at which it blew up."""
+    """For each robot -1, or the step at which it diverged."""
     record: Lanes
-    slopes: ValuesAndLanes
-    """Gradients with respect to physics (`layout.Slopes`)."""
+    physics_gradients: ValuesAndLanes
+    """Gradients with respect to physics (`layout.PhysicsGradients`)."""
     cotangents: Lanes
     """For every state x, then y, by cell."""
+
+
+class Ground(NamedTuple):
+    """`GroundArrays`, and the contact model."""
+
+    contact: Any
+    """Known while compiling."""
+    level: Any
+    max_height: Any
+    segments: Any
+    grid_start: Any
+    cells_per_m: Any
+    cells: Any
+    """Number of cells of the grid."""
+    cell_segment: Any
+    last_segment: Any
+
+
+class Robot(NamedTuple):
+    """One robot of a launch while it is simulated: constants of a step, body, ground, weights and memory.
+
+    It is the argument of every element function, on the CPU and, with single values instead of `Column`s, on
+    devices."""
+
+    simd: Simd
+    n: Any
+    """`layout.Size`"""
+    dt: Any
+    decay: Any
+    """Factor on this robot's velocities in one step."""
+    gravity_dt: Any
+    """Gravity times dt, for this robot [m/s]."""
+    friction: Any
+    """Coefficient of friction, for this robot."""
+    actuation: Any
+    sensing_scale: Any
+    softening: Any
+    min_landing_speed: Any
+    epsilon: Any
+    closed_loop: Any
+    control_passive: Any
+    stop_on_divergence: Any
+    staggered: Any
+    """Known while compiling, as the next."""
+    physics_gradients: Any
+    ground: Ground
+    inverse_count: Any
+    """1/M."""
+    start: Any
+    """x, then y [m]."""
+    reference: Any
+    """Origin of the sensed displacements [m]; x, then y."""
+    velocity: Any
+    """Initial velocities [m/s]; x, then y."""
+    mask: Any
+    """1 for a cell with a mass, else 0."""
+    cell: Any
+    """Cell of each mass."""
+    motor: Any
+    """Index of each motor's spring among all springs."""
+    rest_length: Any
+    """[m]; by family and cell, like the next."""
+    stiffness_dt: Any
+    """Stiffness times dt [N s/m]; 0 where there is no spring."""
+    cpgs: Any
+    """Outputs of the central pattern generators at every step."""
+    weights: Any = None
+    """The controller."""
+    work: Any = None
+    """Scratch memory of the worker or, on a device, memory that the threads share."""
+    d_physics: Any = None
+    """Gradient with respect to this robot's physics (`layout.PhysicsGradients`)."""
+
+
+class Cotangents(NamedTuple):
+    """Gradients of another function with respect to all positions; they replace the loss if `given`."""
+
+    given: Any
+    positions: Column
+    """For every state x, then y."""
+
+
+def constants(launch: Any, decay: Any, gravity_dt: Any, friction: Any) -> dict[str, Any]:
+    """Fields of `Robot` that a launch, on the CPU or on a device, has for a robot with these scalars."""
+    s, settings, g = launch.scene, launch.settings, launch.ground
+    return {
+        "dt": s.dt, "decay": decay, "gravity_dt": gravity_dt, "friction": friction, "actuation": s.actuation,
+        "sensing_scale": s.sensing_scale, "softening": s.softening,
+        "min_landing_speed": s.min_landing_speed, "epsilon": s.epsilon,
+        "closed_loop": settings.closed_loop, "control_passive": settings.control_passive,
+        "stop_on_divergence": settings.stop_on_divergence, "staggered": settings.staggered,
+        "physics_gradients": settings.physics_gradients,
+        "ground": Ground(
+            settings.contact, g.level, g.max_height, g.segments, g.grid_start, g.cells_per_m,
+            g.cell_segment.shape[0], g.cell_segment, g.last_segment,
+        ),
+        "cpgs": launch.cpgs,
+    }  # fmt: skip
+
+
+def robot_view(
+    simd: Simd, launch: LearningLaunch, scalars: tuple[Any, Any, Any], n: layout.Size, inverse_count: Any,
+    at: layout.RobotOffsets,
+) -> Robot:  # fmt: skip
+    """The robot whose arrays begin at these offsets."""
+    own = launch.arrays
+    start, reference, velocity = (
+        Column(Memory(lanes=array), 2 * at.cell_at) for array in (own.start, own.reference, own.velocity)
+    )
+    return Robot(
+        simd, n, **constants(launch, *scalars), inverse_count=inverse_count,
+        start=start, reference=reference, velocity=velocity,
+        mask=Column(Memory(values=own.mask.values, lanes=own.mask.lanes), at.cell_at),
+        cell=Column(Memory(values=own.cell), at.mass_at), motor=Column(Memory(values=own.motor), at.motor_at),
+        rest_length=Column(Memory(lanes=own.rest_length), FAMILIES * at.cell_at),
+        stiffness_dt=Column(Memory(lanes=own.stiffness_dt), FAMILIES * at.cell_at),
+    )  # fmt: skip
+
+
+def workspace_view(launch: LearningLaunch, worker: Any, n: layout.Size, r: Any) -> layout.WorkerMemory:
+    """The part of `launch.work` that belongs to this worker, laid out for robot `r`."""
+    table = layout.OffsetTable(launch.workspace_offsets, r * launch.blocks)
+    settings, first = launch.settings, worker * launch.workspace
+    return layout.workspace(Memory(*launch.work), first, n, settings.states, settings.ring, table)
+
+
+def weights_view(launch: LearningLaunch, n: layout.Size, at: layout.RobotOffsets) -> layout.Weights:
+    views = launch.weights
+    memory = Memory(values=views.values, lanes=views.lanes, rows=views.rows)
+    return layout.weights(memory, at.weight_at, n)
+
+
+def physics_gradients_view(
+    launch: LearningLaunch, n: layout.Size, at: layout.RobotOffsets
+) -> layout.PhysicsGradients:
+    views = launch.physics_gradients
+    memory = Memory(values=views.values, lanes=views.lanes)
+    return layout.physics_gradients(memory, at.physics_gradients_at, n)
+
+
+def cotangents_view(launch: LearningLaunch, at: layout.RobotOffsets) -> Cotangents:
+    positions = Column(Memory(lanes=launch.cotangents), at.cotangents_at)
+    return Cotangents(launch.settings.cotangents_given, positions)

@@ -29,7 +29,7 @@ class OffsetView:
 
 
 class UnalignedLanes(OffsetView):
-    """`view[k]` are values k to k + 15, at any address, of an array that is seen as vectors of one value.
+    """`view[k]` are values k to k + 15, at any address, of an array with a view of vectors of one value.
 
     They are read as if all belonged to the vector at k. So the compilers know that they lie side by side, and
     load them at once. With an index each, which has 32 bits and may overflow, they would be loaded singly.

@@ -1,4 +1,4 @@
-"""Evolution of printed robots: body and heating gait together, judged by the walk of the robot as built.
+"""Evolution of printed robots: body and heating gait together, evaluated by the walk of the printed robot.
 
 The evolution of bodies that learn in the paper's scene is in the room above; how one printed robot moves is
 in `eldir.built`.

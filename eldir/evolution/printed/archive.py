@@ -1,6 +1,6 @@
-"""The archive of printed robots: the best one of every kind of body (MAP-Elites, Mouret and Clune 2015).
+"""The archive of printed robots: the best one of every niche (MAP-Elites, Mouret and Clune 2015).
 
-What a robot is worth is estimated from samples, so an elite that is looked at again may lose its rank.
+Fitness is estimated from samples, so an elite that is evaluated again may lose its rank.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _ON_GROUND = 1e-9
 
 
 class Niche(NamedTuple):
-    """A kind of body."""
+    """A cell of the archive: bodies of the same size with as many motors at the ground."""
 
     rows: int
     """Rows of triangles."""
@@ -33,7 +33,7 @@ class Niche(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Walker(Record):
-    """A printed robot and the walks of the samples that were looked at."""
+    """A printed robot and the walks of its samples."""
 
     number: int
     """Unique in a run."""
@@ -60,17 +60,18 @@ class Walker(Record):
         return float(self.walks.std(ddof=1)) / float(np.sqrt(n)) if n > 1 else np.inf
 
     @property
-    def worth(self) -> float:
-        """What walkers are ranked by: the expected walk less half the standard deviation of the walks."""
+    def fitness(self) -> float:
+        """Lower confidence bound by which walkers are ranked: the expected walk less half the standard
+        deviation of the walks."""
         return self.expected - RISK * float(self.walks.std(ddof=1)) if len(self.walks) > 1 else -np.inf
 
     def with_walks(self, further: FloatArray) -> Walker:
-        """The same walker after another look."""
+        """The same walker with further samples."""
         return replace(self, walks=np.concatenate([self.walks, further]))
 
 
-def niche_of(body: Morphology) -> Niche:
-    """The kind of a body."""
+def find_niche(body: Morphology) -> Niche:
+    """The niche of a body."""
     width, height = np.ptp(body.positions, axis=0)
     low = body.positions[:, 1] < body.positions[:, 1].min() + _ON_GROUND
     grounded = low[body.springs[body.active]].any(axis=1)
@@ -86,19 +87,19 @@ class Archive:
 
     def ranked(self) -> list[Walker]:
         """All elites, the best first."""
-        return sorted(self.elites.values(), key=lambda w: (-w.worth, w.number))
+        return sorted(self.elites.values(), key=lambda w: (-w.fitness, w.number))
 
     def incumbent(self, niche: Niche) -> float:
-        """Worth of the elite of a niche; minus infinity if it is empty."""
-        return self.elites[niche].worth if niche in self.elites else -np.inf
+        """Fitness of the elite of a niche; minus infinity if it is empty."""
+        return self.elites[niche].fitness if niche in self.elites else -np.inf
 
     def challenges(self, walker: Walker) -> bool:
-        """Whether a walker is worth more than the elite of its niche, as far as is known."""
-        return walker.worth > self.incumbent(walker.niche)
+        """Whether the estimated fitness of a walker is above that of the elite of its niche."""
+        return walker.fitness > self.incumbent(walker.niche)
 
     def offer(self, walker: Walker) -> bool:
-        """Admit a walker that is worth more than the elite of its niche and is known as well: a few lucky
-        samples do not displace what many samples have shown."""
+        """Admit a walker that is fitter than the elite of its niche and has at least as many samples: a few
+        lucky samples do not displace what many samples have shown."""
         elite = self.elites.get(walker.niche)
         if not self.challenges(walker) or (elite and len(walker.walks) < len(elite.walks)):
             return False
@@ -106,6 +107,6 @@ class Archive:
         return True
 
     def update(self, walker: Walker) -> None:
-        """Replace an elite by itself after another look."""
+        """Replace an elite by itself with further samples."""
         if self.elites[walker.niche].number == walker.number:
             self.elites[walker.niche] = walker

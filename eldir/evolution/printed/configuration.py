@@ -1,23 +1,29 @@
-"""The configuration of a run that evolves printed robots: the same values give the same robots."""
+"""The configuration of a run that evolves printed robots, and the conditions of a workshop.
+
+Printers and rigs live in packages above this one: `eldir_hardware.planning.workshop` knows them.
+"""
 
 from __future__ import annotations
 
-from dataclasses import field
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from typing import Annotated
 
 from pydantic import Field
 
+from eldir import defaults
 from eldir.core import arguments
 from eldir.core.records import Record, record
-from eldir.evolution import defaults as paper
-from eldir.evolution.printed import defaults
 from eldir.evolution.printed.genome import Timing
 from eldir.lattice import Lattice
+from eldir.morphology import Morphology
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
 
-_MOST_MOTORS = 4
+_MAX_MOTORS = 4
+RejectionReason = Callable[[Morphology], str]
+"""Says why a body cannot be built; empty if it can."""
 
 
 @record
@@ -26,15 +32,15 @@ class PrintedEvolutionConfig(Record):
 
     OPTIONAL = frozenset[str]()
 
-    lattice: Lattice = field(default_factory=lambda: Lattice(*defaults.LATTICE))
+    lattice: Lattice = field(default_factory=lambda: Lattice(*defaults.PRINTED_LATTICE))
     """Size of the lattice in which bodies lie."""
-    offspring: Annotated[int, Field(ge=4, le=paper.MOST_POPULATION)] = defaults.OFFSPRING
+    offspring: Annotated[int, Field(ge=4, le=defaults.MAX_POPULATION)] = defaults.PRINTED_OFFSPRING
     """New robots in a generation; six times as many random ones at the beginning."""
-    generations: Annotated[int, Field(ge=0, le=paper.MOST_GENERATIONS)] = defaults.GENERATIONS
+    generations: Annotated[int, Field(ge=0, le=defaults.MAX_GENERATIONS)] = defaults.PRINTED_GENERATIONS
     """Generations of offspring after the random robots."""
-    max_active: Annotated[int, Field(ge=1, le=_MOST_MOTORS)] = defaults.MOTORS
+    max_active: Annotated[int, Field(ge=1, le=_MAX_MOTORS)] = defaults.PRINTED_MOTORS
     """Largest number of motors."""
-    static_margin: float = defaults.MARGIN
+    static_margin: float = defaults.PRINTED_MARGIN
     """Least distance of the centre of mass from the edge of the feet [m]."""
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
     """Seed of the run's random numbers."""
@@ -42,11 +48,11 @@ class PrintedEvolutionConfig(Record):
     """The nominal printed robot, with pins; the last trial gives it hubs, which take ten times as long."""
     springs: SpringParameters = field(default_factory=SpringParameters)
     """The nominal springs on the supply of the rig."""
-    timings: tuple[Timing, ...] = tuple(Timing(*timing) for timing in defaults.TIMINGS)
+    timings: tuple[Timing, ...] = tuple(Timing(*timing) for timing in defaults.PRINTED_TIMINGS)
     """Periods and times of heating that the rig allows."""
 
     def __post_init__(self) -> None:
-        arguments.require_room(self.lattice.rows, self.lattice.columns, self.offspring)
+        arguments.require_memory(self.lattice.rows, self.lattice.columns, self.offspring)
         arguments.require_margin(
             "PrintedEvolutionConfig.static_margin",
             self.static_margin,
@@ -61,3 +67,18 @@ class PrintedEvolutionConfig(Record):
     def nominal(self) -> RobotParameters:
         """The nominal printed robot."""
         return RobotParameters(self.printed, self.springs)
+
+
+@dataclass(frozen=True)
+class Workshop:
+    """Conditions that printed robots must keep, and their nominal parameters."""
+
+    printed: BuiltParameters
+    springs: SpringParameters
+    """The springs on the rig's supply."""
+    motors: int
+    """Most motors that the rig can heat."""
+    timings: tuple[Timing, ...]
+    """Periods and times of heating that the rig allows."""
+    rejection_reason: RejectionReason
+    """Says why a body cannot be built; empty if it can."""

@@ -1,4 +1,4 @@
-"""How printed robots are judged: short trials with soft strips and pins first, then hubs and fresh samples.
+"""Trials that evaluate printed robots: short ones with soft strips and pins first, then hubs and new samples.
 
 Soft strips of 20 kN/m allow steps three times as long, and one counted cycle tells enough to leave bad bodies
 out. Robots with hubs have nine times the inertia, for steps three times as long: pins would fold. What
@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from eldir.built.gait import Gait, free_lengths_of_all
+from eldir.built.gait import Gait, free_lengths_batch
 from eldir.built.robot import build
 from eldir.built.samples import NominalRobots
 from eldir.built.walking import displacements
@@ -26,12 +26,12 @@ SOFT = 20e3
 LANES = 8
 """Robots of one body that the engine moves at the cost of one."""
 FRESH = 8
-"""New samples of one look at a robot with real strips."""
-_ALIKE, _OF_EACH = 2, 4  # gaits that real strips decide between, and samples of each
+"""New samples of one evaluation."""
+_COMPARED_GAITS, _SAMPLES_EACH = 2, 4
 _TILT = np.radians(2)  # either way [rad]
-_HELD = 40e3  # stiffness in tension of strips between hubs [N/m]: the walk changes by 0.08, root mean square
+_STIFF = 40e3  # stiffness in tension of strips between hubs [N/m]: the walk changes by 0.08, root mean square
 _HEAVIER, _QUICK = 9.0, 16.0  # mass scaling of robots with hubs: walks change by less than 0.08
-_PRESSED = 0.75  # of the compression at which a coil buckles: more counts as buckling
+_MAX_COIL_LOAD = 0.75  # of the compression at which a coil buckles: more counts as buckling
 _OFFSETS = (0.0, 0.06, -0.06, 0.125, -0.125, 0.25, -0.25, 0.5)
 """Changes of the motors' phases that the first trial tries, as fractions of the period."""
 
@@ -45,10 +45,10 @@ class Trial:
     seed: tuple[int, ...]
     """Seed of the samples; the n-th sample of a robot is the same in every trial with this seed."""
     first: int = 0
-    """Number of the first sample of a further look."""
+    """Number of the first sample of a further evaluation."""
 
 
-def screening(body: Morphology, gait: Gait, seed: tuple[int, ...], spread: bool) -> Trial:
+def make_screening_trial(body: Morphology, gait: Gait, seed: tuple[int, ...], spread: bool) -> Trial:
     """The first trial of a body: its gait and seven others around it, or with `spread` all eighths of the
     period. Motors after the first one move together, or against each other if there are three or more."""
     motors = len(gait.phase)
@@ -58,34 +58,34 @@ def screening(body: Morphology, gait: Gait, seed: tuple[int, ...], spread: bool)
     return Trial(body, tuple(gaits), seed)
 
 
-def screened(trials: Sequence[Trial], nominal: RobotParameters) -> FloatArray:
+def screen_gaits(trials: Sequence[Trial], nominal: RobotParameters) -> FloatArray:
     """Walks of one sample with each gait, soft strips, one counted cycle, shape (trials, LANES)."""
     lanes = [(t, g, k) for t in trials for k, g in enumerate(t.gaits)]
     return _walks(lanes, _softer(nominal, SOFT), 1).reshape(-1, LANES)
 
 
-def decided(trials: Sequence[Trial], nominal: RobotParameters) -> FloatArray:
+def compare_gaits(trials: Sequence[Trial], nominal: RobotParameters) -> FloatArray:
     """Expected walks with each of two gaits: four samples with hubs, one counted cycle, shape (trials, 2)."""
-    lanes = [(t, t.gaits[g], k) for t in trials for g in range(_ALIKE) for k in range(_OF_EACH)]
+    lanes = [(t, t.gaits[g], k) for t in trials for g in range(_COMPARED_GAITS) for k in range(_SAMPLES_EACH)]
     walks = _walks(lanes, _with_hubs(nominal, SOFT), 1, _QUICK)
-    return counted(walks).reshape(-1, _ALIKE, _OF_EACH).mean(axis=2)
+    return count_falls_as_zero(walks).reshape(-1, _COMPARED_GAITS, _SAMPLES_EACH).mean(axis=2)
 
 
-def looked_at(trials: Sequence[Trial], nominal: RobotParameters) -> FloatArray:
+def evaluate_walks(trials: Sequence[Trial], nominal: RobotParameters) -> FloatArray:
     """Walks of eight samples from `first` on, each trial with its only gait, shape (trials, FRESH); a fall
     counts as no walk. The samples have hubs: pins promise walks that hubs do not keep."""
     lanes = [(t, t.gaits[0], t.first + k) for t in trials for k in range(FRESH)]
-    return counted(_walks(lanes, _with_hubs(nominal, _HELD), 1, _HEAVIER)).reshape(-1, FRESH)
+    return count_falls_as_zero(_walks(lanes, _with_hubs(nominal, _STIFF), 1, _HEAVIER)).reshape(-1, FRESH)
 
 
-def on_slopes(trials: Sequence[Trial], nominal: RobotParameters) -> FloatArray:
+def walk_on_slopes(trials: Sequence[Trial], nominal: RobotParameters) -> FloatArray:
     """Expected walks down and up a slope of 2 degrees, each trial with its only gait: four samples, soft
     strips, one counted cycle, shape (trials, 2)."""
     soft = _softer(nominal, SOFT)
     slopes = [replace(soft, printed=replace(soft.printed, tilt=float(tilt))) for tilt in (_TILT, -_TILT)]
-    lanes = [(t, t.gaits[0], k) for t in trials for _ in slopes for k in range(_OF_EACH)]
-    tilted = [slope for _ in trials for slope in slopes for _ in range(_OF_EACH)]
-    return counted(_walks(lanes, tilted, 1)).reshape(-1, len(slopes), _OF_EACH).mean(axis=2)
+    lanes = [(t, t.gaits[0], k) for t in trials for _ in slopes for k in range(_SAMPLES_EACH)]
+    tilted = [slope for _ in trials for slope in slopes for _ in range(_SAMPLES_EACH)]
+    return count_falls_as_zero(_walks(lanes, tilted, 1)).reshape(-1, len(slopes), _SAMPLES_EACH).mean(axis=2)
 
 
 def _softer(nominal: RobotParameters, most: float) -> RobotParameters:
@@ -98,7 +98,7 @@ def _with_hubs(nominal: RobotParameters, most: float) -> RobotParameters:
     return _softer(replace(nominal, printed=nominal.printed.with_hubs()), most)
 
 
-def counted(walks: FloatArray) -> FloatArray:
+def count_falls_as_zero(walks: FloatArray) -> FloatArray:
     """Walks in which a fall counts as no walk."""
     return np.where(np.isfinite(walks), walks, 0.0)
 
@@ -118,7 +118,7 @@ def _walks(
         for (trial, _, number), robot in zip(lanes, robots_of, strict=True)
     ]
     robots = [build(trial.body, s) for (trial, _, _), s in zip(lanes, samples, strict=True)]
-    springs = [s.springs_of(trial.body.motors) for (trial, _, _), s in zip(lanes, samples, strict=True)]
+    springs = [s.motor_springs(trial.body.motors) for (trial, _, _), s in zip(lanes, samples, strict=True)]
     heated = [(gait, own) for (_, gait, _), own in zip(lanes, springs, strict=True)]
-    tables = free_lengths_of_all(heated, cycles, many=True)  # a cluster's workers have few of them
-    return displacements(robots, tables, cycles, robots_of[0].free_lengths, mass_scaling, _PRESSED)
+    tables = free_lengths_batch(heated, cycles, many=True)  # a cluster's workers have few of them
+    return displacements(robots, tables, cycles, robots_of[0].free_lengths, mass_scaling, _MAX_COIL_LOAD)

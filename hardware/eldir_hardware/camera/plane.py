@@ -1,49 +1,52 @@
-"""The plane of motion in a picture: where its fixed tags are, and pixels to metres and back."""
+"""The plane of motion in a picture: its reference tags, pixels to metres and back, and the camera's pose."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
+from scipy.spatial.transform import Rotation
 
+from eldir.core.arguments import length_quantity
 from eldir.core.records import Array, FileRecord, FloatArray, Record, record
 from eldir.errors import InputError
-from eldir_hardware.camera.validity import require_size
-from eldir_hardware.units import length
+from eldir_hardware.camera.lens import require_size
 
 Image = NDArray[Any]
 """A picture as OpenCV has it: 8 bits, BGR (H, W, 3) or grey (H, W)."""
 
-_SIDE = length("m", 0.01, 0.5)
-_SPREAD = length("m", 0.01, 10.0)
-_IN_METRES = "give side_m, x_m and y_m of the tag file in metres"
-_TILTED = 0.15  # relative change of scale over the picture, above which a camera counts as tilted
+_TAG_SIDE = length_quantity("m", 0.01, 0.5)
+_TAG_SPREAD = length_quantity("m", 0.01, 10.0)
+_METRES_REMEDY = "give side_m, x_m and y_m of the tag file in metres"
+_MAX_SCALE_VARIATION = (
+    0.15  # relative change of scale over the picture, above which a camera counts as tilted
+)
 
 
 @dataclass(frozen=True)
 class FieldOfView:
-    """The part of the plane of motion that a camera has to see; the ground is y = 0 [m]."""
+    """The part of the plane of motion that a camera films, from the ground (y = 0) up to a height [m]."""
 
-    x_from: float
-    x_to: float
+    min_x: float
+    max_x: float
     height: float
 
     def __post_init__(self) -> None:
-        if not (self.x_to > self.x_from and self.height > 0):
+        if not (self.max_x > self.min_x and self.height > 0):
             raise InputError(
                 "the field of view is empty",
-                expected="x_from < x_to and height > 0",
-                found=f"x from {self.x_from} to {self.x_to}, height {self.height}",
+                expected="min_x < max_x and height > 0",
+                found=f"x from {self.min_x} to {self.max_x}, height {self.height}",
             )
 
     @classmethod
     def around(cls, positions: FloatArray, ahead: float = 1.3, behind: float = 1.3) -> FieldOfView:
-        """Field of view in which a body (masses at `positions` (M, 2) [m]) can travel so many body lengths
-        each way."""
+        """Field of view for a body (masses at `positions` (M, 2) [m]) that travels up to `ahead` body lengths
+        forward and `behind` body lengths back."""
         left, right = float(positions[:, 0].min()), float(positions[:, 0].max())
         length = right - left
         return cls(left - behind * length, right + ahead * length, float(positions[:, 1].max()) + 0.05)
@@ -63,24 +66,24 @@ class Tag(Record):
 
 @record
 class TagBoard(FileRecord):
-    """Square tags of one size, fixed upright in the plane of motion at known places."""
+    """Square reference tags of one size, fixed upright in the plane of motion at known places."""
 
     FORMAT = "eldir-tags/1"
 
     dictionary: Annotated[str, Field(pattern="^DICT_")]
     """OpenCV's name of the dictionary of tags, such as DICT_4X4_50; DICT_APRILTAG_36h11 for AprilTags."""
-    side_m: Annotated[float, Field(json_schema_extra={"minimum": _SIDE.low, "maximum": _SIDE.high})]
+    side_m: Annotated[float, Field(json_schema_extra={"minimum": _TAG_SIDE.low, "maximum": _TAG_SIDE.high})]
     """Side of a tag's black square [m]."""
     tags: Annotated[tuple[Tag, ...], Field(min_length=4)]
-    """The fixed tags; at least four."""
+    """The reference tags; at least four."""
 
     def __post_init__(self) -> None:
-        _SIDE.require_plausible("the side of the tags", self.side_m, _IN_METRES)
+        _TAG_SIDE.require_plausible("the side of the tags", self.side_m, _METRES_REMEDY)
         spread = float(np.ptp(self.centres, axis=0).max())
-        _SPREAD.require_plausible("the distance between the outermost tags", spread, _IN_METRES)
-        twice = sorted({i for i in self.ids if self.ids.count(i) > 1})
-        if twice:
-            raise InputError("a tag number occurs twice", expected="every number once", found=str(twice))
+        _TAG_SPREAD.require_plausible("the distance between the outermost tags", spread, _METRES_REMEDY)
+        duplicates = sorted({i for i in self.ids if self.ids.count(i) > 1})
+        if duplicates:
+            raise InputError("duplicate tag numbers", expected="every number once", found=str(duplicates))
 
     @classmethod
     def at(cls, centres: FloatArray, side_m: float = 0.06, dictionary: str = "DICT_4X4_50") -> TagBoard:
@@ -89,12 +92,12 @@ class TagBoard(FileRecord):
 
     @classmethod
     def around(cls, view: FieldOfView, spacing: float = 0.3) -> TagBoard:
-        """A row of tags under the ground and one above the field of view, at most `spacing` [m] apart, and
-        so large that a camera of 640 pixels which sees them all can read them."""
-        width = view.x_to - view.x_from
+        """A row of tags under the ground and one above the field of view, at most `spacing` [m] from each
+        other, and large enough for a camera of 640 pixels with all of them in its picture."""
+        width = view.max_x - view.min_x
         side = 0.06 * max(1.0, width)
         columns = max(3, int(np.ceil(width / spacing)) + 1)
-        x = np.linspace(view.x_from, view.x_to, columns)
+        x = np.linspace(view.min_x, view.max_x, columns)
         rows = (-0.025 - 0.75 * side, view.height + 0.75 * side)
         centres = np.array([(a, b) for b in rows for a in x])
         return cls.at(centres, side)
@@ -111,7 +114,7 @@ class TagBoard(FileRecord):
 
     @property
     def corners(self) -> FloatArray:
-        """Corners of the black squares from the top left, clockwise as seen [m], shape (N, 4, 2)."""
+        """Corners of the black squares from the top left, clockwise [m], shape (N, 4, 2)."""
         around = np.array([[-1, 1], [1, 1], [1, -1], [-1, -1]]) * self.side_m / 2
         return self.centres[:, None] + around
 
@@ -121,8 +124,8 @@ class Plane(FileRecord):
     """Maps between the plane of motion and one camera's picture.
 
     A point x [m] goes through the homography to u (in half diagonals of the picture), and from
-    there to the pixel centre + half diagonal * (1 + k1 |u|^2 + k2 |u|^4) u. Pixel (0, 0) is the
-    middle of the first pixel.
+    there to the pixel centre + half diagonal * (1 + k1 r^2 + k2 r^4) u, where r is the length of u. Pixel
+    (0, 0) is the middle of the first pixel.
     """
 
     FORMAT = "eldir-plane/1"
@@ -151,12 +154,12 @@ class Plane(FileRecord):
 
     @property
     def board(self) -> TagBoard | None:
-        """The fixed tags from which the plane was found; None if its file does not contain them."""
+        """The reference tags that the plane was calibrated with; None if its file does not contain them."""
         values = self.provenance.get("board")
         return None if values is None else TagBoard.from_json(values)
 
     @property
-    def unit(self) -> float:
+    def half_diagonal_px(self) -> float:
         """Half the diagonal of the picture [px]."""
         return float(np.hypot(*self.size)) / 2
 
@@ -165,16 +168,18 @@ class Plane(FileRecord):
         h = self.homography
         u = points @ h[:2, :2].T + h[:2, 2]
         u = u / (points @ h[2, :2] + h[2, 2])[..., None]
-        return self.centre_px + self.unit * self._stretch(u[..., 0], u[..., 1])[..., None] * u
+        return (
+            self.centre_px + self.half_diagonal_px * self._radial_factor(u[..., 0], u[..., 1])[..., None] * u
+        )
 
     def to_metres(self, pixels: FloatArray) -> FloatArray:
         """Points in the plane at pixels (..., 2), shape (..., 2) [m]."""
-        distorted = (np.asarray(pixels, np.float64) - self.centre_px) / self.unit
+        distorted = (np.asarray(pixels, np.float64) - self.centre_px) / self.half_diagonal_px
         # Each coordinate by itself: numpy takes several times as long over an axis of two.
         start = u, v = distorted[..., 0].copy(), distorted[..., 1].copy()
         for _ in range(30):  # a contraction while the distortion is mild: a digit or more each time
-            stretch = self._stretch(u, v)
-            before, (u, v) = (u, v), (start[0] / stretch, start[1] / stretch)
+            factor = self._radial_factor(u, v)
+            before, (u, v) = (u, v), (start[0] / factor, start[1] / factor)
             if not any((np.abs(a - b) > 1e-13).any() for a, b in zip((u, v), before, strict=True)):  # nor NaN
                 break
         u = np.stack([u, v], axis=-1)
@@ -186,8 +191,8 @@ class Plane(FileRecord):
     def _inverse(self) -> FloatArray:
         return np.linalg.inv(self.homography)
 
-    def _stretch(self, u: FloatArray, v: FloatArray) -> FloatArray:
-        """By how much points (...) at these undistorted coordinates lie farther out."""
+    def _radial_factor(self, u: FloatArray, v: FloatArray) -> FloatArray:
+        """Radial distortion at undistorted coordinates: distorted by undistorted radius, shape (...)."""
         r2 = u**2 + v**2
         k1, k2 = self.radial
         return 1 + r2 * (k1 + r2 * k2)
@@ -213,6 +218,43 @@ class Plane(FileRecord):
         return middle, (max(around) - min(around)) / middle
 
     @property
-    def tilted(self) -> bool:
-        """Whether the camera is tilted so much against the plane that the user should know."""
-        return self.scale[1] > _TILTED
+    def is_tilted(self) -> bool:
+        """Whether the camera is tilted noticeably against the plane."""
+        return self.scale[1] > _MAX_SCALE_VARIATION
+
+
+class CameraPose(NamedTuple):
+    """A camera in the frame of the ground: x forward in the plane, y away from the camera, z up."""
+
+    position: FloatArray
+    """Its centre of projection [m], shape (3,)."""
+    rotation: FloatArray
+    """From the optical frame (x right, y down, z into the picture) to the ground's, shape (3, 3)."""
+
+
+def estimate_camera_pose(plane: Plane, focal: float) -> CameraPose:
+    """The pose of a camera of this focal length [px], from a calibrated plane.
+
+    The homography is a multiple of diag(f, f, 1) [r1 r2 t], with r1 and r2 the plane's axes and t its origin
+    in the optical frame. The nearest rotation is taken, since noise leaves r1 and r2 not quite upright.
+    """
+    f = focal / plane.half_diagonal_px
+    h = np.diag([1 / f, 1 / f, 1.0]) @ plane.homography
+    h = h / np.sqrt(np.linalg.norm(h[:, 0]) * np.linalg.norm(h[:, 1]))
+    if h[2, 2] + h[2, :2] @ _central_point(plane) < 0:  # the plane is before the camera
+        h = -h
+    right, up = h[:, 0], h[:, 1]
+    u, _, v = np.linalg.svd(np.column_stack([right, -np.cross(right, up), up]))
+    to_optical = u @ np.diag([1.0, 1.0, np.linalg.det(u @ v)]) @ v
+    return CameraPose(-to_optical.T @ h[:, 2], to_optical.T)
+
+
+def _central_point(plane: Plane) -> FloatArray:
+    """The point of the plane in the middle of the picture [m], shape (2,)."""
+    return plane.to_metres((np.array(plane.size) - 1.0) / 2)
+
+
+def to_quaternion(rotation: FloatArray) -> tuple[float, float, float, float]:
+    """Quaternion x, y, z, w of a rotation matrix (3, 3), with w >= 0."""
+    x, y, z, w = Rotation.from_matrix(rotation).as_quat(canonical=True).tolist()
+    return x, y, z, w

@@ -11,17 +11,17 @@ import numpy as np
 
 from eldir.core.records import FloatArray
 from eldir.errors import InputError
+from eldir_hardware.camera.lens import ROTATED_HINT
 from eldir_hardware.camera.plane import Image
-from eldir_hardware.camera.validity import TURNED
 
-_LEAST_CORNERS = 8
-_WINDOWS = (0.18, 0.35)
+_MIN_CORNERS = 8
+_REFINEMENT_WINDOWS = (0.18, 0.35)
 """Half sides of the windows in which a chessboard's corners are located again [distances of two corners].
 In photographs, the error grows from 0.4 on."""
-_LEAST_WINDOW = 3
-"""The least half side of such a window [px]."""
-_NEW = 0.02
-"""A view whose corners all lie this close to an earlier view's adds nothing [part of the width]."""
+_MIN_WINDOW = 3
+"""Least half side of such a window [px]."""
+_MIN_SHIFT = 0.02
+"""A view whose corners all lie closer to those of an earlier view is a duplicate [part of the width]."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Pattern:
 
 @dataclass(frozen=True)
 class View:
-    """The corners that one picture shows."""
+    """The pattern's corners in one picture."""
 
     name: str
     points: FloatArray
@@ -51,9 +51,9 @@ class View:
     pixels: FloatArray
     """Corners in the picture [px], shape (N, 2)."""
     alternatives: tuple[FloatArray, ...] = ()
-    """The same corners, located by other methods [px], each of shape (N, 2)."""
+    """The same corners by other methods of detection [px], each of shape (N, 2)."""
 
-    def located(self, method: int) -> View:
+    def with_corners_by(self, method: int) -> View:
         """This view with the corners of one method: 0 for `pixels`, then the alternatives."""
         return replace(self, pixels=(self.pixels, *self.alternatives)[method])
 
@@ -64,13 +64,13 @@ class Views:
 
     size: tuple[int, int]
     views: list[View]
-    blind: list[str]
+    without_pattern: list[str]
     """Pictures that do not show the pattern."""
-    alike: int
-    """Number of pictures left out because they show the pattern at the same place as another."""
+    duplicates: int
+    """Number of pictures without a new view: the pattern has the same place as in another one."""
 
 
-def sheet(pattern: Pattern) -> bytes:
+def pattern_sheet(pattern: Pattern) -> bytes:
     """The sheet as PDF, A4 across, in its true size."""
     from matplotlib.figure import Figure
 
@@ -89,28 +89,28 @@ def sheet(pattern: Pattern) -> bytes:
 
 
 def find_views(pictures: Iterable[tuple[str, Image]], pattern: Pattern) -> Views:
-    """Corners in every picture that shows enough of them, unless an earlier view is nearly the same. Raises
-    `InputError` where pictures differ in size, or where there is none."""
+    """Corners in every picture with enough of them, without duplicates of earlier views. Raises `InputError`
+    where pictures differ in size, and without pictures."""
     found: list[View] = []
-    blind: list[str] = []
+    without_pattern: list[str] = []
     size: tuple[int, int] | None = None
-    alike = 0
+    duplicates = 0
     for name, image in pictures:
-        now = (image.shape[1], image.shape[0])
-        if size is not None and now != size:
+        current = (image.shape[1], image.shape[0])
+        if size is not None and current != size:
             raise InputError(
                 "the pictures differ in size",
                 code="camera.sizes-differ",
                 expected=f"{size[0]} x {size[1]} pixels as the first",
-                found=f"{now[0]} x {now[1]} in {name}{TURNED if now == size[::-1] else ''}",
+                found=f"{current[0]} x {current[1]} in {name}{ROTATED_HINT if current == size[::-1] else ''}",
                 remedy="calibrate with pictures of one camera at one size",
             )
-        size = now
-        view = _view(name, image, pattern)
+        size = current
+        view = _detect_corners(name, image, pattern)
         if view is None:
-            blind.append(name)
-        elif any(_distance(view, other) < _NEW * now[0] for other in found):
-            alike += 1
+            without_pattern.append(name)
+        elif any(_max_corner_shift(view, other) < _MIN_SHIFT * current[0] for other in found):
+            duplicates += 1
         else:
             found.append(view)
     if size is None:
@@ -120,10 +120,10 @@ def find_views(pictures: Iterable[tuple[str, Image]], pattern: Pattern) -> Views
             expected="at least 10",
             found="0",
         )
-    return Views(size, found, blind, alike)
+    return Views(size, found, without_pattern, duplicates)
 
 
-def _view(name: str, image: Image, pattern: Pattern) -> View | None:
+def _detect_corners(name: str, image: Image, pattern: Pattern) -> View | None:
     grey: Image = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
     if pattern.chessboard:
         shape = (pattern.columns, pattern.rows)
@@ -133,10 +133,12 @@ def _view(name: str, image: Image, pattern: Pattern) -> View | None:
         x, y = np.meshgrid(np.arange(pattern.columns), np.arange(pattern.rows))
         points = pattern.square * np.stack([x.ravel(), y.ravel(), 0 * x.ravel()], axis=1)
         pixels = corners.reshape(-1, 2).astype(np.float64)
-        return View(name, points, pixels, tuple(_refined(grey, pixels, part) for part in _WINDOWS))
+        return View(
+            name, points, pixels, tuple(_refine_corners(grey, pixels, part) for part in _REFINEMENT_WINDOWS)
+        )
     board = pattern.board
     corners, ids, _, _ = cv2.aruco.CharucoDetector(board).detectBoard(grey)
-    if ids is None or len(ids) < _LEAST_CORNERS:
+    if ids is None or len(ids) < _MIN_CORNERS:
         return None
     points = np.asarray(board.getChessboardCorners(), np.float64)[ids.ravel()]
     if np.linalg.matrix_rank(points[:, :2] - points[:, :2].mean(axis=0)) < 2:
@@ -144,23 +146,25 @@ def _view(name: str, image: Image, pattern: Pattern) -> View | None:
     return View(name, points, corners.reshape(-1, 2).astype(np.float64))
 
 
-def _refined(grey: Image, pixels: FloatArray, part: float) -> FloatArray:
-    """Corners (N, 2) [px] as saddle points within windows, again (N, 2) [px].
+def _refine_corners(grey: Image, pixels: FloatArray, part: float) -> FloatArray:
+    """Corners (N, 2) [px] refined as saddle points within windows, shape (N, 2) [px].
 
     Half a window's side is a `part` of the least distance between two corners.
     """
-    apart = np.linalg.norm(pixels[:, None] - pixels, axis=-1)
-    side = max(int(part * apart[apart > 0].min()), _LEAST_WINDOW)
+    distances = np.linalg.norm(pixels[:, None] - pixels, axis=-1)
+    side = max(int(part * distances[distances > 0].min()), _MIN_WINDOW)
     stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-4)
     start = pixels.astype(np.float32).reshape(-1, 1, 2).copy()
     return cv2.cornerSubPix(grey, start, (side, side), (-1, -1), stop).reshape(-1, 2).astype(np.float64)
 
 
-def _distance(a: View, b: View) -> float:
+def _max_corner_shift(a: View, b: View) -> float:
     """Greatest distance between the positions of a corner that both views show [px]."""
-    places = {tuple(p): q for p, q in zip(a.points.tolist(), a.pixels, strict=True)}
+    positions = {tuple(p): q for p, q in zip(a.points.tolist(), a.pixels, strict=True)}
     both = [
-        (places[tuple(p)], q) for p, q in zip(b.points.tolist(), b.pixels, strict=True) if tuple(p) in places
+        (positions[tuple(p)], q)
+        for p, q in zip(b.points.tolist(), b.pixels, strict=True)
+        if tuple(p) in positions
     ]
     if not both:
         return float("inf")

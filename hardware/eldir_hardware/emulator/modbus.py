@@ -24,35 +24,39 @@ def _crc(data: bytes) -> int:
 
 
 class EmulatedModbus(EmulatedBoard):
-    """Reads and writes coils, all at once too, and flashes them on and off by timers of its own.
+    """Reads and writes coils, one or all, and flashes them on and off by its own timers.
 
-    It is not known whether a second flash restarts the timer of the real board: `restarts` selects it. Nor
-    whether a question for more coils than there are gets an error or no answer: `excepts` selects it.
+    It is not known whether a second flash restarts the timer of the real board: `retriggerable` selects it;
+    nor whether a query for too many coils gets an exception or no answer: `answers_exceptions` selects it.
     """
 
-    excepts = True
+    answers_exceptions = True
 
-    def __init__(self, channels: int, clock: Clock, on_edge: Callable[[ContactEvent], None] | None = None):
-        super().__init__(channels, clock, on_edge)
-        self.restarts = True
+    def __init__(
+        self, channels: int, clock: Clock, on_contact_event: Callable[[ContactEvent], None] | None = None
+    ):
+        super().__init__(channels, clock, on_contact_event)
+        self.retriggerable = True
         self._flashes = [0] * channels  # number of the latest flash of each relay
         self._flashing = [False] * channels
 
-    def _request_length(self, data: bytes) -> int:
+    def request_length(self, data: bytes) -> int:
         if len(data) < 8:
             return 0 if not data or data[0] == 1 else 1
-        sound = data[0] == 1 and struct.unpack("<H", data[6:8])[0] == _crc(data[:6])
-        return 8 if sound else 1
+        valid = data[0] == 1 and struct.unpack("<H", data[6:8])[0] == _crc(data[:6])
+        return 8 if valid else 1
 
-    def _obey(self, request: bytes) -> bytes:
+    def obey(self, request: bytes) -> bytes:
         if len(request) < 8:
             return b""
         _, function, register, value = struct.unpack(">BBHH", request[:6])
         if function == 1 and register == 0 and 0 < value <= 8 * ((self.channels + 7) // 8):
-            return self._sealed(bytes((1, 1, (value + 7) // 8)) + self._bits(value))
+            return self._with_crc(bytes((1, 1, (value + 7) // 8)) + self._bits(value))
         if function == 5 and self._write(register, value):
             return request
-        return self._sealed(bytes((1, function | 128, 2))) if self.excepts or function != 1 else b""
+        return (
+            self._with_crc(bytes((1, function | 128, 2))) if self.answers_exceptions or function != 1 else b""
+        )
 
     def _write(self, register: int, value: int) -> bool:
         kind, number = divmod(register, 256)
@@ -63,32 +67,32 @@ class EmulatedModbus(EmulatedBoard):
             return False
         if number == 255:
             for channel in range(1, self.channels + 1):
-                self._set_coil(channel, value == 65280)
+                self.set_coil(channel, value == 65280)
         elif number < self.channels:
-            self._set_coil(number + 1, value == 65280)
+            self.set_coil(number + 1, value == 65280)
         else:
             return False
         return True
 
     def _flash(self, number: int, on: bool, seconds: float) -> None:
-        if self._flashing[number] and not self.restarts:
+        if self._flashing[number] and not self.retriggerable:
             return
         self._flashing[number] = True
         self._flashes[number] += 1
-        mine = self._flashes[number]
+        number_of_this = self._flashes[number]
 
-        def over(t: float) -> None:
-            if self._flashes[number] == mine:
+        def end(t: float) -> None:
+            if self._flashes[number] == number_of_this:
                 self._flashing[number] = False
-                self._set_coil(number + 1, not on, t)
+                self.set_coil(number + 1, not on, t)
 
-        self._set_coil(number + 1, on)
-        self._clock.at(self._wire_free_at + seconds, over)
+        self.set_coil(number + 1, on)
+        self._clock.call_at(self._wire_free_at + seconds, end)
 
     def _bits(self, count: int) -> bytes:
-        mask = sum(1 << i for i, coil in enumerate(self._coils[:count]) if coil)
+        mask = sum(1 << i for i, coil in enumerate(self.coils[:count]) if coil)
         return mask.to_bytes((count + 7) // 8, "little")
 
     @staticmethod
-    def _sealed(body: bytes) -> bytes:
+    def _with_crc(body: bytes) -> bytes:
         return body + struct.pack("<H", _crc(body))

@@ -12,11 +12,9 @@ from eldir_hardware.clock import Clock
 from eldir_hardware.emulator.board import ContactEvent, EmulatedBoard
 from eldir_hardware.firmware import limits
 from eldir_hardware.firmware.channel_limits import POWER_UP, WATCHDOG, ChannelLimits
-from eldir_hardware.firmware.protocol import LONGEST, Conversation
+from eldir_hardware.firmware.protocol import MAX_REQUEST, RequestHandler
 
-_FIRST_TICK = (
-    1 << 30
-) - 70_000  # the board's clock begins again ten seconds after the emulation's start [ms]
+_FIRST_TICK = (1 << 30) - 70_000  # the board's clock wraps ten seconds after the emulation's start [ms]
 _POWERED = 60_000  # the board has been powered for so long at that start [ms]
 
 
@@ -26,93 +24,95 @@ class EmulatedMosfet(EmulatedBoard):
     baud = 115200
     contact_time = 0.0
 
-    def __init__(self, channels: int, clock: Clock, on_edge: Callable[[ContactEvent], None] | None = None):
-        super().__init__(channels, clock, on_edge)
-        self._turn = threading.RLock()  # the line and the timers have their own threads
-        self._epoch = self._stepped_to = clock.now()
+    def __init__(
+        self, channels: int, clock: Clock, on_contact_event: Callable[[ContactEvent], None] | None = None
+    ):
+        super().__init__(channels, clock, on_contact_event)
+        self._state_lock = threading.RLock()  # line and timers have their own threads
+        self._epoch = self._now = clock.now()
         self._resets = 0
         self._hung = False
-        self._wake_at = float("inf")
-        self._wakes = 0
+        self._wake_time = float("inf")
+        self._wake_count = 0
         self._start(POWER_UP, _FIRST_TICK)
-        self.limits.step(self._ticks())
+        self.limits.step(self._tick())
 
     def reset(self) -> None:
-        """The chip restarts, as after a dip of its supply: every gate falls, and the board tells so."""
+        """Restart the chip, as after a dip of its supply: every gate falls, and the board reports it."""
         self._restart(POWER_UP)
 
     def hang(self) -> None:
-        """The program stops, its gates stay as they are: the watchdog resets the chip."""
-        with self._turn:
+        """Stop the program with its gates as they are; the watchdog resets the chip later."""
+        with self._state_lock:
             self._hung = True
             due = self._clock.now() + limits.WATCHDOG_MS / 1e3
-        self._clock.at(due, lambda t: self._restart(WATCHDOG))
+        self._clock.call_at(due, lambda t: self._restart(WATCHDOG))
 
-    def _restart(self, why: str) -> None:
-        with self._turn:
-            self._stepped_to = max(self._stepped_to, self._clock.now())
-            self._start(why, self._ticks())
+    def _restart(self, reason: str) -> None:
+        with self._state_lock:
+            self._now = max(self._now, self._clock.now())
+            self._start(reason, self._tick())
             self._hung = False
-            self._follow(self._stepped_to)
+            self._move_gates(self._now)
 
-    def _start(self, why: str, tick: int) -> None:
+    def _start(self, reason: str, tick: int) -> None:
         self._resets += 1
         self.limits = ChannelLimits(
             self.channels,
-            limits.LONGEST_ON_MS,
+            limits.MAX_ON_MS,
             limits.DUTY_PERCENT,
             limits.HEARTBEAT_MS,
             limits.STEADY,
             tick,
-            why,
+            reason,
         )
-        self._conversation = Conversation(self.limits, 0x5EED + self._resets)
+        self._handler = RequestHandler(self.limits, 0x5EED + self._resets)
 
-    def _ticks(self) -> int:
+    def _tick(self) -> int:
         """The board's clock [ms], which begins again at 0 after 2**30."""
-        since = int(1e3 * (self._stepped_to - self._epoch) + 1e-6)
+        since = int(1e3 * (self._now - self._epoch) + 1e-6)
         return (_FIRST_TICK + _POWERED + since) & ((1 << 30) - 1)
 
-    def _request_length(self, data: bytes) -> int:
+    def request_length(self, data: bytes) -> int:
         end = data.find(b"\n") + 1
-        return end or (len(data) - LONGEST if len(data) > LONGEST else 0)
+        return end or (len(data) - MAX_REQUEST if len(data) > MAX_REQUEST else 0)
 
-    def _obey(self, request: bytes) -> bytes:
-        with self._turn:
+    def obey(self, request: bytes) -> bytes:
+        with self._state_lock:
             if self._hung:
                 return b""
-            t = self._stepped_to = max(self._stepped_to, self._wire_free_at)
-            self.limits.step(self._ticks())
-            self._follow(t)
-            answer = self._conversation.answer(request[-LONGEST:], self._ticks())
-            self._follow(t)
+            t = self._now = max(self._now, self._wire_free_at)
+            self.limits.step(self._tick())
+            self._move_gates(t)
+            answer = self._handler.answer(request[-MAX_REQUEST:], self._tick())
+            self._move_gates(t)
             return answer
 
     def _wake(self, t: float, number: int) -> None:
-        """The time of the latest timer has come; older timers are of no importance any more."""
-        with self._turn:
-            if self._hung or number != self._wakes:
+        """Called by a timer; only the latest timer has an effect."""
+        with self._state_lock:
+            if self._hung or number != self._wake_count:
                 return
-            self._wake_at = float("inf")
-            self._stepped_to = max(self._stepped_to, t)
-            self.limits.step(self._ticks())
-            self._follow(self._stepped_to)
+            self._wake_time = float("inf")
+            self._now = max(self._now, t)
+            self.limits.step(self._tick())
+            self._move_gates(self._now)
 
-    def _follow(self, t: float) -> None:
-        """Move the gates as the limits say, and wake up when they will say something else."""
+    def _move_gates(self, t: float) -> None:
+        """Switch the gates as the limits require, and set a timer for their next change."""
         for i, power in enumerate(self.limits.power):
-            self._set_coil(i + 1, power > 0, t)
-        self._conversation.disagreeing = sum(
-            1 << i for i, power in enumerate(self.limits.power) if (power > 0) != self._coils[i]
+            self.set_coil(i + 1, power > 0, t)
+        self._handler.mismatched_gates = sum(
+            1 << i for i, power in enumerate(self.limits.power) if (power > 0) != self.coils[i]
         )
-        due = self.limits.due_ms()
+        due = self.limits.next_event_ms()
         if due >= 0:
             at = self._epoch + (int(1e3 * (t - self._epoch) + 1e-6) + due) / 1e3
-            if at < self._wake_at:
-                self._wake_at = at
-                self._wakes += 1
-                number = self._wakes
-                self._clock.at(at, lambda t: self._wake(t, number))
+            if at < self._wake_time:
+                self._wake_time = at
+                self._wake_count += 1
+                number = self._wake_count
+                self._clock.call_at(at, lambda t: self._wake(t, number))
 
     def _power(self, channel: int) -> float:
         return self.limits.power[channel - 1] / 100

@@ -10,18 +10,18 @@ _RELAYS = 16
 class EmulatedSainSmart(EmulatedBoard):
     """Obeys functions 1, 5 and 15 as unit 254; of its 16 coils the first `channels` have a relay.
 
-    It is not known whether the real board answers function 15 by the standard or by an echo: `echoes`
+    It is not known whether the real board answers function 15 by the standard or by an echo: `echoes_writes`
     selects it.
     """
 
-    echoes = False
+    echoes_writes = False
 
-    def _request_length(self, data: bytes) -> int:
+    def request_length(self, data: bytes) -> int:
         if data and data[:1] != b":":
             return 1
         return data.find(b"\n") + 1
 
-    def _obey(self, request: bytes) -> bytes:
+    def obey(self, request: bytes) -> bytes:
         text = request.decode("latin-1")
         try:
             numbers = [int(text[i : i + 2], 16) for i in range(1, len(text) - 2, 2)]
@@ -32,16 +32,16 @@ class EmulatedSainSmart(EmulatedBoard):
         first, value = numbers[2] * 256 + numbers[3], numbers[4] * 256 + numbers[5]
         match numbers[1]:
             case 1 if first == 0 and value == _RELAYS:
-                states = self._coils + [False] * (_RELAYS - self.channels)
+                states = self.coils + [False] * (_RELAYS - self.channels)
                 mask = sum(2**i for i in range(_RELAYS) if states[i])
                 return self._line(254, 1, 2, mask % 256, mask // 256)
             case 5 if first < _RELAYS and value in (0, 65280):
-                self._set_coil(first + 1, value > 0)
+                self.set_coil(first + 1, value > 0)
                 return request
             case 15 if first == 0 and value == _RELAYS and len(numbers) == 10:
                 for i in range(_RELAYS):
-                    self._set_coil(i + 1, bool(numbers[7 + i // 8] & 2 ** (i % 8)))
-                return request if self.echoes else self._line(254, 15, 0, 0, 0, _RELAYS)
+                    self.set_coil(i + 1, bool(numbers[7 + i // 8] & 2 ** (i % 8)))
+                return request if self.echoes_writes else self._line(254, 15, 0, 0, 0, _RELAYS)
         return self._line(254, numbers[1] | 128, 2)
 
     @staticmethod

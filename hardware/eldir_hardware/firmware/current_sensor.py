@@ -1,20 +1,19 @@
 """The microcontroller that measures currents and voltages: INA226 or INA3221 chips on I2C, lines on USB.
 
-It runs on MicroPython (`sensor_main.py` starts it) and, unchanged, in the emulated sensor.
-Every measurement is started by its question, so an answer never holds anything older than the question.
-Values are counts of the chips: the shunts belong to the rig, and the rig file knows them. Registers, counts
-and conversion times are those of the data sheets (TI SBOS547 and SBOS576).
-The protocol: docs/reference/sensor.md.
+It runs on MicroPython, copied to an RP2040-class board as main.py, and unchanged in the emulated sensor.
+Each request starts its own measurement, so an answer holds nothing older than the request. Values are counts
+of the chips; the rig file has the shunts. Registers, counts and conversion times are those of the data sheets
+(TI SBOS547 and SBOS576). The protocol is in docs/reference/sensor.md.
 """
 
 MAKER_REGISTER = 0xFE
 DIE_REGISTER = 0xFF
 MAKER = 0x5449  # "TI"
-LONGEST_LINE = 32  # bytes of a question; a longer one is noise
+MAX_REQUEST = 32  # bytes of a request; a longer line is noise
 
 
 class Bus:
-    """What this program needs of its machine; `sensor_main.py` and the emulator each have one."""
+    """The I2C bus; the emulator has its own."""
 
     def read(self, address: int, register: int) -> int:
         """The 16 bits of a register. Raises OSError where no chip answers."""
@@ -68,12 +67,12 @@ def crc16(data: bytes) -> int:
     return crc
 
 
-def sealed(text: str) -> bytes:
-    """A line with its check sum and its end."""
+def with_crc(text: str) -> bytes:
+    """A line with its checksum and its end."""
     return f"{text}*{crc16(text.encode()):04X}\n".encode()
 
 
-def signed(value: int) -> int:
+def to_signed(value: int) -> int:
     """16 bits as two's complement."""
     return value - 0x10000 if value & 0x8000 else value
 
@@ -87,25 +86,25 @@ class CurrentSensor:
         self.chips = []  # type: list[int]
 
     def answer(self, line: bytes) -> bytes:
-        """The answer to a line from the computer; nothing for a line that is not a question."""
+        """The answer to a line from the computer; empty for a line that is not a request."""
         try:
             text, check = line.decode().rstrip("\r\n").rsplit("*", 1)
             if check != f"{crc16(text.encode()):04X}":
                 return b""
-            question, sequence = text.split(" ")
+            request, sequence = text.split(" ")
         except ValueError:  # also where bytes are no text
             return b""
-        if question == "I":
-            return sealed(f"I {sequence} {self.identity()}")
-        if question == "M":
-            return self.measurement(sequence)
+        if request == "I":
+            return with_crc(f"I {sequence} {self.identify()}")
+        if request == "M":
+            return self.measure(sequence)
         return b""
 
-    def identity(self) -> str:
-        """Look for chips again: their kind, number of inputs, size of counts, time of a measurement."""
+    def identify(self) -> str:
+        """Look for the chips: their kind, inputs, values of one count, duration of a measurement."""
         self.chips = []
         for kind in (Ina226, Ina3221):
-            found = [a for a in kind.addresses if self.is_there(a, kind.die)]
+            found = [a for a in kind.addresses if self.is_present(a, kind.die)]
             if found:
                 self.kind = kind  # type: ignore[assignment]
                 self.chips = found
@@ -114,7 +113,7 @@ class CurrentSensor:
         inputs = len(self.chips) * kind.inputs
         return f"{kind.name} {inputs} {kind.shunt_nv} {kind.bus_uv} {kind.window_us}"
 
-    def is_there(self, address: int, die: int) -> bool:
+    def is_present(self, address: int, die: int) -> bool:
         """Whether this chip answers at that address."""
         try:
             return self.bus.read(address, MAKER_REGISTER) == MAKER and (
@@ -123,12 +122,14 @@ class CurrentSensor:
         except OSError:
             return False
 
-    def measurement(self, sequence: str) -> bytes:
-        """Start all chips, wait for them, and read them."""
+    def measure(self, sequence: str) -> bytes:
+        """Start a measurement on all chips, wait until it is complete, and read it."""
         address = 0
         try:
             for address in self.chips:
-                self.bus.write(address, 0, self.kind.configuration)  # halts what runs, and begins anew
+                self.bus.write(
+                    address, 0, self.kind.configuration
+                )  # stops a running measurement and starts another
             waiting = list(self.chips)
             for _ in range(2 + self.kind.window_us // 1000):
                 self.bus.wait(1)
@@ -136,18 +137,58 @@ class CurrentSensor:
                 if not waiting:
                     break
             if waiting:
-                return sealed(f"E {sequence} slow {waiting[0]:02X}")
+                return with_crc(f"E {sequence} slow {waiting[0]:02X}")
             counts = []
             for address in self.chips:
                 for i in range(self.kind.inputs):
                     shunt, bus = (
-                        signed(self.bus.read(address, 1 + 2 * i + k)) >> self.kind.unused_bits for k in (0, 1)
+                        to_signed(self.bus.read(address, 1 + 2 * i + k)) >> self.kind.unused_bits
+                        for k in (0, 1)
                     )
                     counts.append(f"{shunt},{bus}")
         except OSError:
-            return sealed(f"E {sequence} lost {address:02X}")
-        return sealed(f"M {sequence} {' '.join(counts)}")
+            return with_crc(f"E {sequence} lost {address:02X}")
+        return with_crc(f"M {sequence} {' '.join(counts)}")
 
     def is_ready(self, address: int) -> bool:
         """Whether the measurement is complete; reading the flag clears it."""
         return bool(self.bus.read(address, self.kind.ready_register) & self.kind.ready_bit)
+
+
+class I2cBus(Bus):
+    """I2C 0 of an RP2040-class board on pins 4 (data) and 5 (clock), at 400 kHz."""
+
+    def __init__(self) -> None:
+        import machine
+
+        self.i2c = machine.I2C(0, scl=machine.Pin(5), sda=machine.Pin(4), freq=400_000)
+
+    def read(self, address: int, register: int) -> int:
+        return int.from_bytes(self.i2c.readfrom_mem(address, register, 2), "big")
+
+    def write(self, address: int, register: int, value: int) -> None:
+        self.i2c.writeto_mem(address, register, value.to_bytes(2, "big"))
+
+    def wait(self, milliseconds: int) -> None:
+        import time
+
+        time.sleep_ms(milliseconds)  # type: ignore[attr-defined]
+
+
+def main() -> None:
+    """Answer requests for ever."""
+    import sys
+
+    import micropython
+
+    micropython.kbd_intr(-1)  # a byte 3 in noise is not Ctrl-C
+    sensor = CurrentSensor(I2cBus())
+    sensor.identify()
+    while True:
+        answer = sensor.answer(sys.stdin.buffer.readline(MAX_REQUEST))
+        if answer:
+            sys.stdout.buffer.write(answer)
+
+
+if __name__ == "__main__":  # MicroPython runs main.py under this name, too
+    main()

@@ -6,11 +6,11 @@
 PINS = (0, 1, 2, 3, 4, 5, 6, 7)
 """Number of the GPIO at the gate of each channel, channel 1 first."""
 
-LONGEST_ON_MS = 6200
+MAX_ON_MS = 6200
 """Longest time at full power, from cold. Longer than the rig file's `max_on_s` by 0.1 s at least [ms]."""
 
 DUTY_PERCENT = 50
-"""Largest part of the full power in the long run [%]. Not smaller than the rig file's `duty`."""
+"""Largest mean power, as a part of the full power [%]. Not smaller than the rig file's `duty`."""
 
 STEADY = ()
 """Channels without these two limits, because they heat nothing, such as a fan's: numbers from 1."""

@@ -13,53 +13,52 @@ import time
 import limits
 import machine
 import micropython
-from channel_limits import POWER_UP, WATCHDOG, ChannelLimits
-from modulation import Modulation
-from protocol import LONGEST, Conversation
+from channel_limits import POWER_UP, WATCHDOG, ChannelLimits, Modulation
+from protocol import MAX_REQUEST, RequestHandler
 
-_AT_ONCE = 32  # bytes that are read before the gates are looked after again
+_MAX_BYTES = 32  # bytes that are read before the gates are updated again
 
 
 def serve(gates: list, watchdog: object) -> None:
     """Obey the host, and keep the limits. Never returns."""
     count, now = len(gates), time.ticks_ms()
-    why = WATCHDOG if machine.reset_cause() == machine.WDT_RESET else POWER_UP
+    reason = WATCHDOG if machine.reset_cause() == machine.WDT_RESET else POWER_UP
     channels = ChannelLimits(
         count,
-        limits.LONGEST_ON_MS,
+        limits.MAX_ON_MS,
         limits.DUTY_PERCENT,
         limits.HEARTBEAT_MS,
         limits.STEADY,
         now,
-        why,
+        reason,
     )
     modulation = Modulation(count, limits.PERIOD_MS, now)
-    conversation = Conversation(channels, int.from_bytes(os.urandom(2), "big"))
+    handler = RequestHandler(channels, int.from_bytes(os.urandom(2), "big"))
     incoming, outgoing = select.poll(), select.poll()
     incoming.register(sys.stdin, select.POLLIN)
     outgoing.register(sys.stdout, select.POLLOUT)
     line = b""
     while True:
         answer = b""
-        for _ in range(_AT_ONCE):
+        for _ in range(_MAX_BYTES):
             if not incoming.poll(0):
                 break
             byte = sys.stdin.buffer.read(1)
-            line = (line + byte)[-LONGEST:]
+            line = (line + byte)[-MAX_REQUEST:]
             if byte == b"\n":
-                answer = conversation.answer(line, time.ticks_ms())
+                answer = handler.answer(line, time.ticks_ms())
                 line = b""
                 break
         now = time.ticks_ms()
         channels.step(now)
-        high = modulation.gates(channels.power, now)
-        disagreeing = 0
+        high = modulation.update(channels.power, now)
+        mismatched = 0
         for i in range(count):
             level = high >> i & 1
             gates[i].value(level)
             if gates[i].value() != level:
-                disagreeing |= 1 << i
-        conversation.disagreeing = disagreeing
+                mismatched |= 1 << i
+        handler.mismatched_gates = mismatched
         watchdog.feed()
         if answer and outgoing.poll(0):  # a host that does not read must not hold up the gates
             sys.stdout.buffer.write(answer)

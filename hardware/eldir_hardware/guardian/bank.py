@@ -1,4 +1,4 @@
-"""Interface to heat springs: announce pulses, watch them, and switch everything off at the end."""
+"""Interface to heat springs, its reports, and which run may heat."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from typing import NamedTuple
 from eldir_hardware.relay.errors import NotProvenOffError
 from eldir_hardware.safety.stop_signals import StoppedError
 
-BY_THE_BOARD = "all contacts are open by the board's report"
+BOARD_PROOF = "all contacts are open by the board's report"
 LEAD = 0.3
 """Pulses are announced at least this long before they begin, so that they begin on time [s]."""
 
 
 class Report(NamedTuple):
-    """A read-back of the board, and the model's temperatures."""
+    """The read-back of the board and the modelled temperatures at one instant."""
 
     t: float
     """Time on the bank's clock [s]."""
@@ -24,10 +24,10 @@ class Report(NamedTuple):
     """Whether each channel is closed, channel 1 first."""
     temperatures: tuple[float, ...]
     """Modelled temperature of each spring, in the rig file's order [C]."""
-    hottest: float
+    peak: float
     """Highest modelled temperature so far [C]."""
-    latest: float
-    """Greatest delay of a switching so far [s]."""
+    max_delay: float
+    """Longest delay of a switching so far [s]."""
     currents: tuple[float, ...] = ()
     """Measured current of each spring, in the rig file's order [A]; NaN where no input measures it, empty
     without a current sensor."""
@@ -39,24 +39,24 @@ ReportCallback = Callable[[Report], None]
 
 
 class HeaterBank(ABC):
-    """Springs behind a relay board. Times are on its own clock. `heat` is allowed only while armed."""
+    """Heated springs behind a relay board. Times are on its own clock. `heat` is allowed only while armed."""
 
     proof: str | None = None
-    """What was proven when everything was switched off last."""
-    rested_at = 0.0
-    """When the springs have rested and cooled from what was heated before they were armed [s]."""
+    """What was proven when everything was last switched off."""
+    ready_at = 0.0
+    """When the springs have cooled and rested from the previous run [s]."""
 
     @contextmanager
     def armed(self) -> Iterator[None]:
-        """Arm, and disarm at the end. An exception is an emergency stop. Both prove everything off.
+        """Arm, and disarm at the end; an exception causes an emergency stop. Both prove everything off.
 
-        The exception carries what was proven as a note.
+        A note of the exception says what was proven.
         """
         try:
             self.arm()
             yield
         except BaseException as error:
-            self.stop(reason_of(error))
+            self.stop(describe_reason(error))
             if self.proof and self.proof not in str(error) and not isinstance(error, NotProvenOffError):
                 error.add_note(self.proof)
             raise
@@ -67,12 +67,12 @@ class HeaterBank(ABC):
         """Prove that everything is off, then allow heating. Raises `LatchedError` while a stop is latched."""
 
     @abstractmethod
-    def heat(self, at: float, lengths: Mapping[int, float]) -> None:
-        """Announce pulses: these channels close at `at`, and open after so many seconds."""
+    def heat(self, at: float, durations: Mapping[int, float]) -> None:
+        """Announce pulses: channels close at `at` [s on the clock], each for its duration [s]."""
 
     @abstractmethod
     def abort_pulses(self) -> None:
-        """Open all contacts that heat, and drop the announced pulses. This is no stop."""
+        """Open all contacts that heat, and cancel the announced pulses, without a latched stop."""
 
     @abstractmethod
     def wait_until(self, t: float, on_report: ReportCallback) -> None:
@@ -80,17 +80,48 @@ class HeaterBank(ABC):
 
     @abstractmethod
     def disarm(self) -> None:
-        """The normal end: everything is proven off."""
+        """End normally: everything is switched off and proven off."""
 
     @abstractmethod
     def stop(self, why: str) -> None:
-        """Emergency stop: everything off, proven, and latched until a reset. A second call does nothing."""
+        """Emergency stop: everything is switched off, proven off, and latched until a reset."""
 
 
-def reason_of(error: BaseException) -> str:
-    """Why a run ended, for the latched stop."""
+def describe_reason(error: BaseException) -> str:
+    """The reason of a run's end, for the latched stop."""
     if isinstance(error, KeyboardInterrupt):
         return "stopped by Ctrl-C"
     if isinstance(error, StoppedError):
         return error.reason
     return str(error) or type(error).__name__
+
+
+PATIENCE = 0.6
+"""A commander counts as lost after this time without a command [s]."""
+
+
+class Commander:
+    """Admits one run at a time, which must repeat its commands. Times are on a monotonic clock [s]."""
+
+    def __init__(self, patience: float = PATIENCE):
+        self.name = ""
+        """Name of the run that heats; empty if none does."""
+        self._patience = patience
+        self._last_command = 0.0
+
+    def accepts(self, name: str) -> bool:
+        """Whether a command of this run may be obeyed, as no other run heats."""
+        return self.name in ("", name)
+
+    def record_command(self, name: str, now: float) -> None:
+        """Record a command of a run that heats."""
+        self.name, self._last_command = name, now
+
+    def release(self) -> None:
+        """Record that no run heats any more."""
+        self.name = ""
+
+    def silence_if_lost(self, now: float) -> float | None:
+        """Time without a command of the run that heats [s], if it is too long; None otherwise."""
+        silent = now - self._last_command
+        return silent if self.name and silent > self._patience else None

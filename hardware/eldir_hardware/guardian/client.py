@@ -1,4 +1,4 @@
-"""The client of the guardian: it starts the process, announces pulses and sends heartbeats.
+"""The client of the guardian: starts its process, announces pulses and sends keepalive messages.
 
 with Guardian(rig) as bank, bank.armed():
     bank.heat(time.monotonic() + 0.5, {1: 3.0})
@@ -18,38 +18,36 @@ from contextlib import suppress
 from typing import Any
 
 from eldir.errors import EldirError, InputError
-from eldir_hardware.guardian.bank import BY_THE_BOARD, HeaterBank, Report, ReportCallback
-from eldir_hardware.guardian.isolation import clean_environment, guardian_command
+from eldir_hardware._serial_output import BITS_PER_BYTE
+from eldir_hardware.current_sensor import SensorError
+from eldir_hardware.guardian._connection import MAX_MESSAGE, Connection, clean_environment, guardian_command
+from eldir_hardware.guardian.bank import BOARD_PROOF, HeaterBank, Report, ReportCallback
 from eldir_hardware.guardian.measured_heat import (
     CurrentFlowsError,
-    WrongHeatError,
+    UnexpectedHeatError,
     require_no_current,
     supplied_channels,
 )
-from eldir_hardware.guardian.wire import LARGEST, Wire
 from eldir_hardware.relay import errors
-from eldir_hardware.relay.off_frames import off_bursts
 from eldir_hardware.resource import Resource
-from eldir_hardware.rig.board_identity import BoardIdentity, locate, moved
-from eldir_hardware.rig.boards import open_board
+from eldir_hardware.rig.board_identity import BoardIdentity, describe_move, locate
 from eldir_hardware.rig.configuration import Rig
-from eldir_hardware.rig.port_holder import holder_of
+from eldir_hardware.rig.devices import open_board
+from eldir_hardware.rig.port_holder import find_holder
 from eldir_hardware.rig.supply import LimitError
-from eldir_hardware.safety.latch import LatchedError, latch, stop_of
+from eldir_hardware.safety.latch import LatchedError, latch, read_stop
+from eldir_hardware.safety.off_frames import UnlockedPort, off_bursts
 from eldir_hardware.safety.stop_signals import StoppedError
-from eldir_hardware.safety.unlocked_port import UnlockedPort
-from eldir_hardware.sensor.errors import SensorError
-from eldir_hardware.serial_output import BITS_A_BYTE
 
 _logger = logging.getLogger(__name__)
 HEARTBEAT_INTERVAL = 0.1
-"""Interval of the heartbeats [s]."""
-_STARTING = 20.0  # until the process must have opened the port; on a machine that is busy [s]
-_ANSWERING = 10.0  # until everything must have been proven off [s]
-_OTHERS = 3.0  # until another program, which opens the contacts, has left the port [s]
-_SILENT = 0.6  # while armed it answers every heartbeat [s]
-_DYING = 2.0  # until a process that was killed has gone [s]
-_KINDS = {
+"""Interval of the keepalive messages [s]."""
+_START_TIMEOUT = 20.0  # until the process has opened the port, also on a busy computer [s]
+_PROOF_TIMEOUT = 10.0  # until everything has been proven off [s]
+_PORT_TIMEOUT = 3.0  # until another program, which opens the contacts, has closed the port [s]
+_MAX_SILENCE = 0.6  # while armed it answers every keepalive message [s]
+_EXIT_TIMEOUT = 2.0  # until a killed process has ended [s]
+_ERRORS = {
     k.__name__: k
     for k in (
         LimitError,
@@ -62,7 +60,7 @@ _KINDS = {
         errors.NotProvenOffError,
         SensorError,
         CurrentFlowsError,
-        WrongHeatError,
+        UnexpectedHeatError,
     )
 }
 
@@ -71,131 +69,137 @@ def _ignore(report: Report) -> None:
     """The default: ignore reports."""
 
 
+def _parse_report(values: list[Any]) -> Report:
+    return Report._make(tuple(value) if isinstance(value, list) else value for value in values)
+
+
 class Guardian(HeaterBank, Resource):
-    """The process and its port live between `open` and `close`, or in a `with`.
+    """A guardian process with its port, between `open` and `close` or in a `with`.
 
     Times are those of `time.monotonic`.
     """
 
     def __init__(self, rig: Rig, port: str | None = None, sensor_port: str | None = None):
-        """The ports replace the rig file's, such as those of an emulated board and current sensor."""
+        """`port`, `sensor_port`: instead of the rig file's, such as those of emulators."""
         sensor_port = sensor_port or (rig.sensor.port if rig.sensor else None)
         self._sensor_port = sensor_port and os.path.abspath(sensor_port)
         self._port = os.path.abspath(port or rig.require_port())
         self._rig = rig
-        self._see: ReportCallback = _ignore
-        self._armed = self._ended = False
-        self._due = self._looked = 0.0
-        self._supplied: set[int] = set()  # channels in which the sensor has measured current in this run
+        self._on_report: ReportCallback = _ignore
+        self._armed = self._has_ended = False
+        self._answer_due = self._checked_at = 0.0
+        self._supplied: set[int] = set()  # channels in which current was measured in this run
         self.process = 0
         """Process number of the guardian."""
-        self._device: BoardIdentity
-        """The board of the run, from its first second. Its name may stand for another one later."""
-        self._sensor: BoardIdentity | None = None
+        self._board_identity: BoardIdentity
+        """The board of the run, whatever board its port names later."""
+        self._sensor_identity: BoardIdentity | None = None
 
     def open(self) -> None:
-        """Start the process and wait until it has opened the port. Raises `EldirError` where it cannot."""
+        """Start the process and wait until it has opened the port. Raises `EldirError` if it cannot."""
         device = os.path.realpath(self._port)
-        first = {
+        configuration = {
             "rig": self._rig.to_json(),
             "port": device,
-            "named": self._port,
+            "given_name": self._port,
             "sensor_port": self._sensor_port,
         }
-        if not Wire.fits(**first):
+        if not Connection.fits(**configuration):
             raise InputError(
                 "the rig file is too large for the guardian",
                 code="rig.too-large",
-                expected=f"at most {LARGEST >> 10} KiB as JSON",
-                remedy="shorten its texts",
+                expected=f"at most {MAX_MESSAGE >> 10} KiB as JSON",
+                remedy="shorten the texts in it",
             )
-        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        with theirs:
+        own_end, guardian_end = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        with guardian_end:
             board = self._rig.board
-            self._child = subprocess.Popen(
-                guardian_command(theirs.fileno(), device, board.kind, board.channels, self._port),
-                pass_fds=[theirs.fileno()],
+            self._process = subprocess.Popen(
+                guardian_command(guardian_end.fileno(), device, board.kind, board.channels, self._port),
+                pass_fds=[guardian_end.fileno()],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 env=clean_environment(),
                 cwd="/",
                 start_new_session=True,  # this process handles Ctrl-C and a closed terminal
             )
-        self._wire = Wire(ours)
-        self._wire.send(**first)
+        self._connection = Connection(own_end)
+        self._connection.send(**configuration)
         try:
-            ready = self._await("ready", _STARTING)
+            ready = self._wait_for("ready", _START_TIMEOUT)
         except BaseException:
             self.close()
             raise
         self.process = ready["process"]
-        self._device = BoardIdentity.of(ready["device"], self._port)
+        self._board_identity = BoardIdentity.from_json(ready["device"], self._port)
         _logger.info("guardian %d holds %s", self.process, self._port)
-        self._sensor = ready["sensor"] and BoardIdentity.of(ready["sensor"], self._sensor_port or "")
+        self._sensor_identity = ready["sensor"] and BoardIdentity.from_json(
+            ready["sensor"], self._sensor_port or ""
+        )
 
     def close(self) -> None:
-        """Ask the process to switch everything off and end; it is killed where it does not."""
-        self._wire.send(do="end")
-        self._wire.close()
+        """Let the process switch everything off and end; it is killed if it does not end."""
+        self._connection.send(command="end_session")
+        self._connection.close()
         with suppress(subprocess.TimeoutExpired):
-            status = self._child.wait(_DYING if self._ended else _ANSWERING)
-            _logger.info("guardian %d ended with status %d", self._child.pid, status)
+            status = self._process.wait(_EXIT_TIMEOUT if self._has_ended else _PROOF_TIMEOUT)
+            _logger.info("guardian %d ended with status %d", self._process.pid, status)
             return
-        self._child.kill()
+        self._process.kill()
         with suppress(subprocess.TimeoutExpired):  # the kernel holds it
-            self._child.wait(_DYING)
+            self._process.wait(_EXIT_TIMEOUT)
 
     def arm(self) -> None:
         self._supplied = set()
-        self._wire.send(do="arm")
-        self.rested_at = self._await("armed", _ANSWERING)["rested_at"]
-        self._armed, self._due = True, time.monotonic() + _SILENT
+        self._connection.send(command="arm")
+        self.ready_at = self._wait_for("armed", _PROOF_TIMEOUT)["ready_at"]
+        self._armed, self._answer_due = True, time.monotonic() + _MAX_SILENCE
 
-    def heat(self, at: float, lengths: Mapping[int, float]) -> None:
-        self._wire.send(do="heat", at=at, **{"for": dict(lengths)})
+    def heat(self, at: float, durations: Mapping[int, float]) -> None:
+        self._connection.send(command="heat", at=at, durations=dict(durations))
 
     def abort_pulses(self) -> None:
-        self._wire.send(do="abort_pulses")
+        self._connection.send(command="abort_pulses")
 
-    def beat(self, on_report: ReportCallback) -> None:
-        """Send one heartbeat, pass new reports to `on_report`. Raises `EldirError` after the guardian's end.
+    def keep_alive(self, on_report: ReportCallback) -> None:
+        """Send a keepalive message, and pass new reports to `on_report`. Raises `EldirError`.
 
-        A program with a loop of its own must call this every `HEARTBEAT_INTERVAL`.
+        A program with its own loop must call this every `HEARTBEAT_INTERVAL`.
         """
-        self._see = on_report
-        self._wire.send(do="beat")
-        self._take()
+        self._on_report = on_report
+        self._connection.send(command="keepalive")
+        self._receive()
         self._require_answers()
 
     def wait_until(self, t: float, on_report: ReportCallback) -> None:
         while True:
-            self.beat(on_report)
+            self.keep_alive(on_report)
             left = t - time.monotonic()
             if left <= 0:
                 return
-            select.select([self._wire], [], [], min(left, HEARTBEAT_INTERVAL))
+            select.select([self._connection], [], [], min(left, HEARTBEAT_INTERVAL))
 
     def disarm(self) -> None:
-        self._wire.send(do="disarm")
-        self._await("off", _ANSWERING)
+        self._connection.send(command="disarm")
+        self._wait_for("off", _PROOF_TIMEOUT)
         self._armed = False
 
-    def stop(self, why: str) -> None:
-        if not self._ended:
-            self._wire.send(do="stop", why=why)
-        while not self._ended:
+    def stop(self, reason: str) -> None:
+        if not self._has_ended:
+            self._connection.send(command="stop", reason=reason)
+        while not self._has_ended:
             try:
-                self._await("stopped", _ANSWERING)
+                self._wait_for("stopped", _PROOF_TIMEOUT)
             except errors.NotProvenOffError:
                 raise
-            except EldirError:  # the reason that we sent, sent back; or a pulse refused before it was read
+            except EldirError:  # our own reason, returned; or a pulse that was refused earlier
                 pass
 
-    def _await(self, wanted: str, patience: float) -> dict[str, Any]:
+    def _wait_for(self, wanted: str, patience: float) -> dict[str, Any]:
         deadline = time.monotonic() + patience
         while True:
-            for message in self._take():
-                if message["is"] == wanted:
+            for message in self._receive():
+                if message["event"] == wanted:
                     return message
             self._require_answers()
             left = deadline - time.monotonic()
@@ -203,149 +207,154 @@ class Guardian(HeaterBank, Resource):
                 raise errors.NotProvenOffError(
                     "the guardian does not answer", remedy="cut the heating supply now"
                 )
-            self._wire.send(do="beat")
-            select.select([self._wire], [], [], min(left, HEARTBEAT_INTERVAL))
+            self._connection.send(command="keepalive")
+            select.select([self._connection], [], [], min(left, HEARTBEAT_INTERVAL))
 
     def _require_answers(self) -> None:
-        """Raise where the guardian hangs while it may heat; the contacts are opened from here then."""
-        now, looked = time.monotonic(), self._looked
-        self._looked = now
-        if not self._armed or now <= self._due:
+        """Raise if the guardian hangs while it may heat; then this process opens the contacts."""
+        now, checked_at = time.monotonic(), self._checked_at
+        self._checked_at = now
+        if not self._armed or now <= self._answer_due:
             return
-        if looked < self._due - _SILENT / 2:  # it is we who stood still: once more, and only once
-            self._due = now + _SILENT / 2
+        if (
+            checked_at < self._answer_due - _MAX_SILENCE / 2
+        ):  # this process itself was suspended: wait once more
+            self._answer_due = now + _MAX_SILENCE / 2
             return
-        self._child.kill()
-        raise self._vanished("hung")
+        self._process.kill()
+        raise self._handle_loss("hung")
 
-    def _take(self) -> list[dict[str, Any]]:
+    def _receive(self) -> list[dict[str, Any]]:
         """Pass reports on, raise errors, and return the other messages."""
-        messages = self._wire.receive()
+        messages = self._connection.receive()
         if messages is None:
-            raise self._vanished("died")
+            raise self._handle_loss("died")
         if messages:
-            self._due = time.monotonic() + _SILENT
-        rest: list[dict[str, Any]] = []
+            self._answer_due = time.monotonic() + _MAX_SILENCE
         reports: list[Report] = []
+        others: list[dict[str, Any]] = []
         problem: EldirError | None = None
         for message in messages:
-            match message["is"]:
+            match message["event"]:
                 case "report":
-                    fields = (tuple(f) if isinstance(f, list) else f for f in message["report"])
-                    reports.append(Report._make(fields))
+                    reports.append(_parse_report(message["report"]))
                     self._note_supply(reports[-1])
-                case "opening":  # and proving it, which takes longer than a heartbeat
-                    self._due = time.monotonic() + _SILENT + _ANSWERING
+                case "opening":  # contacts, and proving it, which takes longer than a keepalive
+                    self._answer_due = time.monotonic() + _MAX_SILENCE + _PROOF_TIMEOUT
                 case "refused":
-                    problem = problem or LimitError(message["why"], code=message.get("code"))
+                    problem = problem or LimitError(message["reason"], code=message.get("code"))
                 case "stopped":
-                    self._ended = True
-                    self.proof = message["proof"]
-                    kind = _KINDS.get(message["kind"], EldirError)
-                    problem = kind(message["why"], code=message.get("code"))
-                case "alive":
+                    problem = self._end_by(message)
+                case "acknowledged":
                     pass
                 case _:
-                    rest.append(message)
+                    others.append(message)
         try:
             for report in reports:
-                self._see(report)
+                self._on_report(report)
         finally:
-            if problem is not None:  # how it stopped is worse news than a disk that is full
+            if problem is not None:  # more important than an error of a callback
                 raise problem
-        return rest
+        return others
+
+    def _end_by(self, message: dict[str, Any]) -> EldirError:
+        """Note that the guardian has stopped, and return its error."""
+        self._has_ended = True
+        self.proof = message["proof"]
+        error = _ERRORS.get(message["kind"], EldirError)
+        return error(message["reason"], code=message.get("code"))
 
     def _note_supply(self, report: Report) -> None:
         in_order = [c.channel for c in self._rig.channels]
         currents = dict(zip(in_order, report.currents, strict=False))
         self._supplied |= supplied_channels(self._rig, report.closed, currents)
 
-    def _vanished(self, how: str) -> EldirError:
-        """The guardian is gone: open the contacts from here, then latch the stop.
+    def _handle_loss(self, cause: str) -> EldirError:
+        """After the loss of the guardian, open the contacts and latch the stop; return the error.
 
-        A signal may interrupt this anywhere: it counts as ended only when it is, and `stop` does it again.
+        A signal may interrupt this anywhere; then `stop` does it again.
         """
         if not self._armed:
             with suppress(subprocess.TimeoutExpired):
-                self._child.wait(_DYING)  # it may have something to say
-            self._ended = True
+                self._process.wait(_EXIT_TIMEOUT)  # it may print a message
+            self._has_ended = True
             return EldirError(
                 "the guardian ended before it was armed",
                 code="guardian.not-armed",
                 remedy="see its message above",
             )
-        if locate(self._device) is None:
-            how += f", and the port {self._port} was lost"
-        elif elsewhere := moved(self._port, self._device):
-            how += f" ({elsewhere})"
+        if locate(self._board_identity) is None:
+            cause += f", and the port {self._port} was lost"
+        elif remark := describe_move(self._port, self._board_identity):
+            cause += f" ({remark})"
         try:
             self._open_contacts()
-        except StoppedError:  # a signal; `stop` goes on
+        except StoppedError:  # a signal; `stop` continues
             raise
         except EldirError as error:
             failure: EldirError | None = error
         else:
             failure = None
-        latch(self._device, f"the guardian {how}", opened=failure is None)
-        with suppress(EldirError):  # killed by `eldir rig off`: the first reason stays
-            if (reason := stop_of(self._device)) and reason != f"the guardian {how}":
-                how += f" ({reason})"
-        outcome = self._judged(how, failure)
-        self._ended = True
+        latch(self._board_identity, f"the guardian {cause}", opened=failure is None)
+        with suppress(EldirError):  # killed by `eldir rig off`: its reason was latched first
+            if (reason := read_stop(self._board_identity)) and reason != f"the guardian {cause}":
+                cause += f" ({reason})"
+        outcome = self._loss_error(cause, failure)
+        self._has_ended = True
         return outcome
 
-    def _judged(self, how: str, failure: EldirError | None) -> EldirError:
-        """The error to raise, after the contacts were opened or could not be."""
+    def _loss_error(self, cause: str, failure: EldirError | None) -> EldirError:
+        """The error to raise, after the contacts were opened or `failure` prevented it."""
         if failure is not None:
             return errors.NotProvenOffError(
-                f"the guardian {how}, and the contacts cannot be opened: {failure}",
+                f"the guardian {cause}, and the contacts cannot be opened: {failure}",
                 remedy="cut the heating supply now",
             )
-        self.proof = BY_THE_BOARD
-        opened = f"the guardian {how}; {self.proof}"
+        self.proof = BOARD_PROOF
+        statement = f"the guardian {cause}; {self.proof}"
         try:
-            measured = require_no_current(self._rig, self._sensor, supplied=self._supplied)
+            proof = require_no_current(self._rig, self._sensor_identity, supplied=self._supplied)
         except CurrentFlowsError as flows:
-            return CurrentFlowsError(f"{flows}; the guardian {how}")
+            return CurrentFlowsError(f"{flows}; the guardian {cause}")
         except StoppedError:
             raise
         except EldirError as error:
-            return EldirError(f"{opened}, but not by the sensor's: {error}", code="guardian.gone")
-        return EldirError(opened + (f"; {measured}" if measured else ""), code="guardian.gone")
+            return EldirError(f"{statement}, but not proven by the sensor: {error}", code="guardian.gone")
+        return EldirError(statement + (f"; {proof}" if proof else ""), code="guardian.gone")
 
     def _open_contacts(self) -> None:
-        """Open the contacts without the guardian, at once or after `eldir rig off` has the port.
+        """Open the contacts without the guardian, at once or after `eldir rig off` has used the port.
 
-        The frames go out before anything is waited for: the kernel may hold a guardian that was killed, and
-        its lock with it. Raises `EldirError` where the board does not confirm it.
+        The frames are sent before any wait: the kernel may delay the end of a killed guardian, and the
+        release of its lock. Raises `EldirError` if the board does not confirm it.
         """
         with suppress(OSError):
             self._send_off_frames()
         try:
-            self._child.wait(_DYING)
+            self._process.wait(_EXIT_TIMEOUT)
         except subprocess.TimeoutExpired:
             raise errors.PortError(
-                "its process does not end, and holds the port", remedy="look at the contacts"
+                "the guardian's process does not end, and holds the port", remedy="look at the contacts"
             ) from None
-        deadline = time.monotonic() + _OTHERS
+        deadline = time.monotonic() + _PORT_TIMEOUT
         while True:
             try:
-                with open_board(self._rig, port=self._device) as board:
+                with open_board(self._rig, port=self._board_identity) as board:
                     board.all_off()
                 return
             except errors.NotProvenOffError:
                 raise
             except errors.PortError:
-                if time.monotonic() > deadline or holder_of(self._device) is None:
+                if time.monotonic() > deadline or find_holder(self._board_identity) is None:
                     raise
                 time.sleep(0.02)
 
     def _send_off_frames(self) -> None:
-        """Without the port's lock; answers are waited for and not read. Raises `OSError`."""
-        port = UnlockedPort(self._device)
+        """Write without the port's lock and wait for the answers without reading them. Raises `OSError`."""
+        port = UnlockedPort(self._board_identity)
         try:
             for frames, baud in off_bursts([(self._rig.board.kind, self._rig.board.channels)]):
-                port.send(frames, baud, held=not port.is_free())
-                time.sleep(2 * len(frames) * BITS_A_BYTE / baud)
+                port.send(frames, baud, is_held=not port.is_free())
+                time.sleep(2 * len(frames) * BITS_PER_BYTE / baud)
         finally:
             port.close()

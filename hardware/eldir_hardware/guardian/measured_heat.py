@@ -1,4 +1,4 @@
-"""What measured currents and voltages say about contacts, leads and springs. Decides; reads nothing itself.
+"""Compares measured currents and voltages with the commanded contacts, and says what they prove.
 
 Thresholds follow from the sensor's stated errors and the rig file's tolerances (docs/reference/sensor.md).
 """
@@ -10,21 +10,20 @@ from typing import NamedTuple
 
 from eldir.errors import HazardError
 from eldir_hardware.clock import Clock, WallClock
+from eldir_hardware.current_sensor import CHIPS, Measurement
 from eldir_hardware.relay.errors import NotProvenOffError
 from eldir_hardware.rig.board_identity import Port
 from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.rig.devices import open_sensor
 from eldir_hardware.rig.sections import SensorEntry
-from eldir_hardware.rig.sensors import open_sensor
 from eldir_hardware.rig.supply import worst_springs
-from eldir_hardware.sensor.chips import CHIPS
-from eldir_hardware.sensor.driver import Measurement
 
-MOVED = 0.05
-"""A contact has moved this long after its command: wire, USB adapter (16 ms), coil, bounce [s]."""
-STEADY = 0.2
-"""The current of a limited supply has settled this long after a contact closed [s]."""
-_PART_OF_SUPPLY = 0.25  # voltages below this part of the supply's are drops along shared leads
-_MOST_VOLTAGE = 1.1  # a supply may be set higher than the rig file says by this factor
+CONTACT_DELAY = 0.05
+"""Longest time from a command until its contact has moved: wire, USB adapter (16 ms), coil, bounce [s]."""
+CURRENT_SETTLING = 0.2
+"""Longest time from closing a contact until the current of a limited supply has settled [s]."""
+_MIN_SUPPLY_PART = 0.25  # voltages below this part of the supply's are drops along shared leads
+_MAX_VOLTAGE_FACTOR = 1.1  # a supply may be set higher than the rig file says by this factor
 
 
 class CurrentFlowsError(NotProvenOffError):
@@ -33,32 +32,32 @@ class CurrentFlowsError(NotProvenOffError):
     code = "heat.current-flows"
 
 
-class WrongHeatError(HazardError):
-    """The measured heat is not the one that was ordered."""
+class UnexpectedHeatError(HazardError):
+    """The measured heat is not the commanded one."""
 
     code = "heat.not-as-ordered"
 
 
 class Bounds(NamedTuple):
-    """What is accepted of a channel whose contact is closed."""
+    """Accepted values of a channel whose contact is closed."""
 
-    zero: float
-    """Currents below this are none [A]."""
-    most_current: float
+    zero_current: float
+    """Currents below this count as zero [A]."""
+    max_current: float
     """[A]."""
-    standing: float
-    """A voltage above this shows that the channel is connected to the supply [V]."""
-    most_voltage: float
+    supply_voltage_threshold: float
+    """Voltages above this show that the channel is connected to the supply [V]."""
+    max_voltage: float
     """[V]."""
     resistances: tuple[float, float]
     """Least and greatest resistance of a spring with its clamps [Ohm]."""
 
 
-class AcceptedHeat:
-    """What a rig and its sensor accept. A guardian judges every channel five times a second."""
+class HeatBounds:
+    """The bounds for the currents and voltages of a rig with its sensor."""
 
     def __init__(self, rig: Rig, sensor: SensorEntry):
-        """Raises `LimitError` where resistance or current limit of the rig were not measured."""
+        """Raises `LimitError` if the rig's resistance or current limit was not measured."""
         self._sensor, self._supply = sensor, rig.supply.voltage_v
         self._limit = worst_springs(rig).current_limit
         self._resistance = rig.spring_parameters(fan=False).resistance
@@ -68,16 +67,18 @@ class AcceptedHeat:
         sensor, resistance = self._sensor, self._resistance
         chip = CHIPS[sensor.kind]
         most = self._limit + chip.current_error(sensor.shunt_ohm, sensor.shunt_tolerance, self._limit)
-        flowing = max(abs(current), chip.zero(sensor.shunt_ohm))
-        error = chip.current_error(sensor.shunt_ohm, sensor.shunt_tolerance, flowing) / flowing
-        error += chip.voltage_error(flowing * resistance) / (flowing * resistance)
-        deviation = sensor.resistance_tolerance + error
+        current_or_zero = max(abs(current), chip.zero_current(sensor.shunt_ohm))
+        error = (
+            chip.current_error(sensor.shunt_ohm, sensor.shunt_tolerance, current_or_zero) / current_or_zero
+        )
+        error += chip.voltage_error(current_or_zero * resistance) / (current_or_zero * resistance)
+        tolerance = sensor.resistance_tolerance + error
         return Bounds(
-            chip.zero(sensor.shunt_ohm),
+            chip.zero_current(sensor.shunt_ohm),
             most,
-            _PART_OF_SUPPLY * self._supply,
-            _MOST_VOLTAGE * self._supply + chip.voltage_error(self._supply),
-            (resistance * max(1.0 - deviation, 0.0), resistance * (1.0 + deviation)),
+            _MIN_SUPPLY_PART * self._supply,
+            _MAX_VOLTAGE_FACTOR * self._supply + chip.voltage_error(self._supply),
+            (resistance * max(1.0 - tolerance, 0.0), resistance * (1.0 + tolerance)),
         )
 
 
@@ -87,26 +88,26 @@ def require_no_current(
     clock: Clock | None = None,
     supplied: Collection[int] | None = None,
 ) -> str | None:
-    """Ask the rig's sensor, at another port or the very one of a run, whether current flows anywhere.
+    """Measure with the rig's sensor, or the one at `port`, whether current flows anywhere.
 
-    Call it when all contacts were opened. `supplied`: channels in which this sensor measured the supply in
-    the run that has just ended; None where there was no run. Returns in words what was proven, or None where
-    the rig has no sensor. Raises `CurrentFlowsError`, and `SensorError` where the sensor cannot tell.
+    Call it after all contacts were opened. `supplied`: channels in which this sensor measured the supply in
+    the run that has just ended; None where there was no run. Returns in words what was proven; None if the
+    rig has no sensor. Raises `CurrentFlowsError`, and `SensorError` if the sensor does not work.
     """
     clock = clock or WallClock()
     with open_sensor(rig, clock, port) as sensor:
         if sensor is None or rig.sensor is None:
             return None
-        clock.sleep_until(clock.now() + MOVED)
+        clock.sleep_until(clock.now() + CONTACT_DELAY)
         measured = sensor.measure()
         MeasuredHeat(rig, rig.sensor).require_none(measured)
     if supplied is not None:
         return describe_proof(rig, supplied)
     most = max(abs(current) for current in measured.currents.values())
-    return _and_unmeasured(
+    return _with_unmeasured(
         rig,
-        f"the sensor shows no current in {_named(measured.currents)} (at most {1e3 * most:.0f} mA), but "
-        "outside a run it is not known whether it sees the supply, so this alone proves nothing",
+        f"the sensor shows no current in {_name_channels(measured.currents)} (at most {1e3 * most:.0f} mA), "
+        "but outside a run it is unknown whether the supply is on, so this alone proves nothing",
     )
 
 
@@ -115,8 +116,12 @@ def supplied_channels(rig: Rig, closed: Sequence[bool], currents: Mapping[int, f
     supply is on. `closed`: by the board's report, channel 1 first; `currents` [A]."""
     if rig.sensor is None:
         return set()
-    zero = CHIPS[rig.sensor.kind].zero(rig.sensor.shunt_ohm)
-    return {channel for channel, current in currents.items() if closed[channel - 1] and abs(current) > zero}
+    zero_current = CHIPS[rig.sensor.kind].zero_current(rig.sensor.shunt_ohm)
+    return {
+        channel
+        for channel, current in currents.items()
+        if closed[channel - 1] and abs(current) > zero_current
+    }
 
 
 def describe_proof(rig: Rig, supplied: Collection[int]) -> str:
@@ -129,24 +134,24 @@ def describe_proof(rig: Rig, supplied: Collection[int]) -> str:
     parts = []
     if proven := measured & set(supplied):
         them = "all of them" if len(proven) > 1 else "it"
-        seen = f"it measured the supply in {them} in this run"
-        parts.append(f"no current flows in {_named(proven)} by the sensor ({seen})")
-    if blind := measured - set(supplied):
+        proof = f"it measured the supply in {them} in this run"
+        parts.append(f"no current flows in {_name_channels(proven)} by the sensor ({proof})")
+    if unproven := measured - set(supplied):
         there = " there" if proven else ""
         parts.append(
-            f"the sensor shows no current in {_named(blind)}, but it has not seen the supply{there} in this "
-            "run, so this proves nothing"
+            f"the sensor shows no current in {_name_channels(unproven)}, but it has not measured the supply"
+            f"{there} in this run, so this proves nothing"
         )
-    return _and_unmeasured(rig, "; ".join(parts))
+    return _with_unmeasured(rig, "; ".join(parts))
 
 
-def _and_unmeasured(rig: Rig, text: str) -> str:
-    """The text, and the channels of which no sensor tells anything."""
+def _with_unmeasured(rig: Rig, text: str) -> str:
+    """The text, with the channels that no sensor measures."""
     rest = {c.channel for c in rig.channels} - set(rig.measured_channels)
-    return f"{text}; nothing measures {_named(rest)}" if rest else text
+    return f"{text}; nothing measures {_name_channels(rest)}" if rest else text
 
 
-def _named(channels: Collection[int]) -> str:
+def _name_channels(channels: Collection[int]) -> str:
     """Channels in words: channel 3; channels 1, 3; channels 1 to 4."""
     numbers = sorted(channels)
     if len(numbers) == 1:
@@ -157,69 +162,71 @@ def _named(channels: Collection[int]) -> str:
 
 
 class MeasuredHeat:
-    """Compares measurements with the contacts that were ordered. Times are on one clock [s]."""
+    """Compares measurements with the commanded contacts. Times are on one clock [s]."""
 
     def __init__(self, rig: Rig, sensor: SensorEntry):
-        self._accepted = AcceptedHeat(rig, sensor)
+        self._bounds = HeatBounds(rig, sensor)
         self._channels = rig.measured_channels
         self._closed: set[int] = set()
-        self._switched: dict[int, float] = {}
-        self._supplied = False
+        self._switched_at: dict[int, float] = {}
+        self._supply_seen = False
         self.supplied: set[int] = set()
         """Channels in which current was measured since arming, while their contact was closed."""
 
     def arm(self) -> None:
-        """A run begins: nothing was seen yet of the supply."""
-        self._supplied = False
+        """Begin a run: the supply was not measured yet."""
+        self._supply_seen = False
         self.supplied = set()
 
-    def switched(self, changes: Mapping[int, bool], now: float) -> None:
+    def record_switching(self, changes: Mapping[int, bool], now: float) -> None:
         """Record that commands to close or open channels were just sent."""
         for channel, closed in changes.items():
             if channel not in self._channels or closed == (channel in self._closed):
                 continue
-            self._switched[channel] = now
+            self._switched_at[channel] = now
             (self._closed.add if closed else self._closed.discard)(channel)
 
-    def judge(self, measured: Measurement) -> None:
-        """Raise `CurrentFlowsError` or `WrongHeatError` for the first channel that is not as ordered.
+    def check(self, measured: Measurement) -> None:
+        """Raise `CurrentFlowsError` or `UnexpectedHeatError` for the first channel that is not as commanded.
 
-        A channel that was switched too shortly before the measurement began is not judged by it. As long as
-        the supply was never seen, it counts as switched off: schedules are rehearsed like that.
+        A channel that was switched shortly before the measurement is skipped. Until the supply was measured,
+        it counts as switched off, as in a rehearsal.
         """
-        in_order = sorted(self._channels, key=lambda channel: channel in self._closed)  # the danger first
+        in_order = sorted(
+            self._channels, key=lambda channel: channel in self._closed
+        )  # channels that must be cold first
         for channel in in_order:
-            if self._switched.get(channel, -float("inf")) + self._wait(channel) > measured.began:
+            if self._switched_at.get(channel, -float("inf")) + self._wait(channel) > measured.started_at:
                 continue
-            bounds = self._accepted.bounds(measured.currents[channel])
+            bounds = self._bounds.bounds(measured.currents[channel])
             if channel not in self._closed:
                 _require_no_heat(channel, measured, bounds)
                 continue
-            if abs(measured.currents[channel]) > bounds.zero:
-                self._supplied = True
+            if abs(measured.currents[channel]) > bounds.zero_current:
+                self._supply_seen = True
                 self.supplied.add(channel)
-            self._supplied |= abs(measured.voltages[channel]) > bounds.standing
-            if self._supplied:
-                _require_ordered_heat(channel, measured, bounds)
+            self._supply_seen |= abs(measured.voltages[channel]) > bounds.supply_voltage_threshold
+            if self._supply_seen:
+                _require_heat(channel, measured, bounds)
 
     def require_none(self, measured: Measurement) -> None:
-        """Raise `CurrentFlowsError` where any current flows, whatever was ordered."""
+        """Raise `CurrentFlowsError` if current flows in any channel, closed or open."""
         for channel in self._channels:
-            _require_no_heat(channel, measured, self._accepted.bounds(0.0))
+            _require_no_heat(channel, measured, self._bounds.bounds(0.0))
 
     def _wait(self, channel: int) -> float:
-        return STEADY if channel in self._closed else MOVED
+        return CURRENT_SETTLING if channel in self._closed else CONTACT_DELAY
 
 
 def _require_no_heat(channel: int, measured: Measurement, bounds: Bounds) -> None:
     current, voltage = measured.currents[channel], measured.voltages[channel]
-    if abs(current) > bounds.zero:
+    if abs(current) > bounds.zero_current:
         raise CurrentFlowsError(
             f"current flows in channel {channel} although its contact was opened",
             found=f"{current:.2f} A",
             remedy="cut the heating supply now",
         )
-    if abs(voltage) > bounds.standing:
+    if abs(voltage) > bounds.supply_voltage_threshold:
         raise CurrentFlowsError(
             f"voltage stands at channel {channel} although its contact was opened",
             found=f"{voltage:.1f} V without current, as behind a welded contact with a broken lead",
@@ -227,31 +234,31 @@ def _require_no_heat(channel: int, measured: Measurement, bounds: Bounds) -> Non
         )
 
 
-def _require_ordered_heat(channel: int, measured: Measurement, bounds: Bounds) -> None:
+def _require_heat(channel: int, measured: Measurement, bounds: Bounds) -> None:
     current, voltage = measured.currents[channel], measured.voltages[channel]
-    if current < -bounds.zero:
-        raise WrongHeatError(
+    if current < -bounds.zero_current:
+        raise UnexpectedHeatError(
             f"current flows backwards in channel {channel}",
             found=f"{current:.2f} A",
             remedy="swap the two leads of its shunt",
         )
-    if current > bounds.most_current or channel in measured.saturated:
-        raise WrongHeatError(
+    if current > bounds.max_current or channel in measured.saturated:
+        raise UnexpectedHeatError(
             f"too much current flows in channel {channel}",
-            expected=f"at most {bounds.most_current:.2f} A",
+            expected=f"at most {bounds.max_current:.2f} A",
             found=f"{current:.2f} A{' or more' if channel in measured.saturated else ''}",
             remedy="set the supply's current limit as the rig file says",
         )
-    if voltage > bounds.most_voltage or voltage < -bounds.standing:
-        raise WrongHeatError(
-            f"the voltage of channel {channel} cannot be right",
-            expected=f"0 to {bounds.most_voltage:.1f} V",
+    if voltage > bounds.max_voltage or voltage < -bounds.supply_voltage_threshold:
+        raise UnexpectedHeatError(
+            f"implausible voltage of channel {channel}",
+            expected=f"0 to {bounds.max_voltage:.1f} V",
             found=f"{voltage:.1f} V",
             remedy="check supply.voltage_v and the sensor's leads",
         )
-    if current < bounds.zero:
-        broken = voltage > bounds.standing
-        raise WrongHeatError(
+    if current < bounds.zero_current:
+        broken = voltage > bounds.supply_voltage_threshold
+        raise UnexpectedHeatError(
             f"no current flows in channel {channel} although its contact was closed",
             found=f"{voltage:.1f} V",
             remedy="its spring, or a lead of it, is broken"
@@ -260,8 +267,8 @@ def _require_ordered_heat(channel: int, measured: Measurement, bounds: Bounds) -
         )
     low, high = bounds.resistances
     if not low <= voltage / current <= high:
-        raise WrongHeatError(
-            f"the spring of channel {channel} has a wrong resistance",
+        raise UnexpectedHeatError(
+            f"unexpected resistance of the spring of channel {channel}",
             expected=f"{low:.2f} to {high:.2f} Ohm",
             found=f"{voltage / current:.2f} Ohm",
             remedy="look for a wrong spring, a hot or loose clamp, or a short circuit",

@@ -1,4 +1,4 @@
-"""What a file is, by its first bytes: one sentence for each file that is neither a film nor a log."""
+"""Recognises a file by its first bytes, to refuse in one sentence what is neither a film nor a log."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from pathlib import Path
 from eldir.errors import InputError, empty, not_read
 
 _EXPECTED = "a video, a folder of pictures or an .mcap log"
-_HEAD = 4096  # bytes that tell what a file is
-_BAG = (
+_HEAD_BYTES = 4096  # bytes that tell what a file is
+_BAG_REMEDY = (
     "name the log that the run itself wrote (.mcap); for `eldir track`, export the pictures to a folder with "
     "times.csv"
 )
-_OTHER = (  # first bytes, what the file is, what to do
-    (b"#ROSBAG V", "is a bag of ROS 1", _BAG),
-    (b"SQLite format 3\0", "is an SQLite database, such as a bag of ROS 2 (.db3)", _BAG),
+_OTHER_KINDS = (  # first bytes, what the file is, what to do
+    (b"#ROSBAG V", "is a bag of ROS 1", _BAG_REMEDY),
+    (b"SQLite format 3\0", "is an SQLite database, such as a bag of ROS 2 (.db3)", _BAG_REMEDY),
     (b"\x28\xb5\x2f\xfd", "is compressed with zstd as a whole", "decompress it: zstd -d {name}"),
     (b"\x04\x22\x4d\x18", "is compressed with lz4 as a whole", "decompress it: lz4 -d {name}"),
     (b"\x1f\x8b", "is compressed with gzip", "decompress it: gzip -d {name}"),
@@ -25,7 +25,7 @@ _OTHER = (  # first bytes, what the file is, what to do
 
 def require_log(path: Path) -> None:
     """Raise `InputError` if a file is of another known kind than a log, whatever its name is."""
-    if path.is_file() and (other := _other(path, _head(path))):
+    if path.is_file() and (other := _other_kind(path, _head(path))):
         raise InputError(
             f"{path} {other[0]}", code="file.other-kind", expected="an MCAP log", remedy=other[1]
         )
@@ -48,12 +48,12 @@ def require_video(path: Path) -> None:
             expected=_EXPECTED,
             remedy="rename it to end in .mcap",
         )
-    what, remedy = _other(path, head) or ("is a text file" if _is_text(head) else "", "check the path")
+    what, remedy = _other_kind(path, head) or ("is a text file" if _is_text(head) else "", "check the path")
     if what:
         raise InputError(f"{path} {what}", code="file.other-kind", expected=_EXPECTED, remedy=remedy)
 
 
-def undecodable(path: Path) -> InputError:
+def decoding_error(path: Path) -> InputError:
     """The error for a file that passed `require_video`, and of which no picture could be decoded."""
     if not _is_container(_head(path)):
         return InputError(
@@ -74,14 +74,14 @@ def undecodable(path: Path) -> InputError:
 def _head(path: Path) -> bytes:
     try:
         with path.open("rb") as file:
-            return file.read(_HEAD)
+            return file.read(_HEAD_BYTES)
     except OSError as error:
         raise not_read(path, error) from None
 
 
-def _other(path: Path, head: bytes) -> tuple[str, str] | None:
+def _other_kind(path: Path, head: bytes) -> tuple[str, str] | None:
     """What a file of another kind is, and what to do with it."""
-    found = next(((what, remedy) for first, what, remedy in _OTHER if head.startswith(first)), None)
+    found = next(((what, remedy) for first, what, remedy in _OTHER_KINDS if head.startswith(first)), None)
     return found and (found[0], found[1].format(name=path.name))
 
 

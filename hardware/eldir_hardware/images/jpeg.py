@@ -1,11 +1,12 @@
 """Frames to JPEG and back; pictures of other formats are read too.
 
-Marks are found by their colour, so colour is kept at full resolution and better than brightness: at
-the same size the centroid is twice as good as with a usual JPEG (docs/reference/log.md).
+Markers are found by their colour, so colour is kept at full resolution and better than brightness: at the
+same size the centroid is twice as good as with a usual JPEG (docs/reference/log.md).
 """
 
 from __future__ import annotations
 
+import os
 import struct
 
 import cv2
@@ -14,6 +15,13 @@ from numpy.typing import NDArray
 
 from eldir.errors import damaged
 from eldir_hardware.camera.plane import Image
+
+
+def silence_opencv() -> None:
+    """Suppress OpenCV's own messages; call it before a file or a camera is opened."""
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+
 
 _SETTINGS = [
     *(cv2.IMWRITE_JPEG_LUMA_QUALITY, 50),
@@ -33,7 +41,7 @@ def decode(data: NDArray[np.uint8]) -> Image:
     on which way up to show the picture (EXIF orientation) does not count."""
     try:
         flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
-        image = cv2.imdecode(_upright_tiff(np.asarray(data, np.uint8)), flags)
+        image = cv2.imdecode(_reset_tiff_orientation(np.asarray(data, np.uint8)), flags)
     except (cv2.error, MemoryError):  # a header that claims more pixels than OpenCV allocates
         image = None
     if image is None:
@@ -41,8 +49,8 @@ def decode(data: NDArray[np.uint8]) -> Image:
     return image
 
 
-def _upright_tiff(data: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """The same file with orientation 1 if it is a TIFF: OpenCV heeds that tag there in spite of the flags."""
+def _reset_tiff_orientation(data: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """The same bytes, of a TIFF with orientation 1: OpenCV applies that tag in spite of the flags."""
     order = {b"II*\0": "<", b"MM\0*": ">"}.get(data[:4].tobytes())
     if order is None:
         return data

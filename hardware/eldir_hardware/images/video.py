@@ -18,16 +18,16 @@ from eldir.errors import InputError, MissingDependencyError
 _CODEC = "libvpx-vp9"
 _OPTIONS = {"crf": "20", "deadline": "realtime", "cpu-used": "8"}
 """Drawings and camera pictures keep their looks; slower settings take up to eighty times as long."""
-_COLOUR = (0, 159, 230)  # BGR of the report's colour for what is predicted, #E69F00
-_EIGHTHS = 3  # bits of a pixel's fraction
+_PREDICTION_COLOUR = (0, 159, 230)  # BGR of the report's colour for what is predicted, #E69F00
+_FRACTION_BITS = 3  # bits of a pixel's fraction
 
 
 def encode_webm(frames: Iterable[np.ndarray], rate: float) -> bytes:
     """A film of RGB frames (height, width, 3) uint8 at `rate` a second."""
     import av
 
-    ahead = iter(frames)
-    first = next(ahead, None)
+    remaining = iter(frames)
+    first = next(remaining, None)
     if first is None:
         raise InputError("a video needs at least one frame")
     film = BytesIO()
@@ -42,7 +42,7 @@ def encode_webm(frames: Iterable[np.ndarray], rate: float) -> bytes:
         assert isinstance(stream, av.VideoStream)
         stream.height, stream.width = first.shape[:2]
         stream.pix_fmt = "yuv420p"
-        for frame in chain([first], ahead):
+        for frame in chain([first], remaining):
             container.mux(stream.encode(av.VideoFrame.from_ndarray(frame, format="rgb24")))
         container.mux(stream.encode(None))
     return film.getvalue()
@@ -59,16 +59,32 @@ def draw_body(picture: NDArray[np.uint8], pixels: FloatArray, springs: IntArray,
     import cv2
 
     if np.isfinite(pixels).all():
-        at = np.round(pixels * 2**_EIGHTHS).astype(np.int32)
+        points = np.round(pixels * 2**_FRACTION_BITS).astype(np.int32)
         for a, b in springs:
-            cv2.line(picture, at[a].tolist(), at[b].tolist(), _COLOUR, 2, cv2.LINE_AA, _EIGHTHS)
-        for place in at:
-            cv2.circle(picture, place.tolist(), 7 << _EIGHTHS, _COLOUR, 2, cv2.LINE_AA, _EIGHTHS)
+            cv2.line(
+                picture,
+                points[a].tolist(),
+                points[b].tolist(),
+                _PREDICTION_COLOUR,
+                2,
+                cv2.LINE_AA,
+                _FRACTION_BITS,
+            )
+        for place in points:
+            cv2.circle(
+                picture,
+                place.tolist(),
+                7 << _FRACTION_BITS,
+                _PREDICTION_COLOUR,
+                2,
+                cv2.LINE_AA,
+                _FRACTION_BITS,
+            )
     cv2.rectangle(picture, (0, 0), (10 * len(text) + 12, 28), (0, 0, 0), cv2.FILLED)
     cv2.putText(picture, text, (8, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (255, 255, 255), 1, cv2.LINE_AA)
 
 
-def scaled(picture: NDArray[np.uint8], width: int) -> tuple[NDArray[np.uint8], float]:
+def resize_to_width(picture: NDArray[np.uint8], width: int) -> tuple[NDArray[np.uint8], float]:
     """A copy of the picture that is `width` wide, with even sides as video needs them; and the scale."""
     import cv2
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from eldir.errors import InputError
 from eldir_hardware.camera.plane import Image
-from eldir_hardware.images.file_kind import undecodable
+from eldir_hardware.images.file_kind import decoding_error
 
 if TYPE_CHECKING:
     from av.container import InputContainer
@@ -27,13 +27,13 @@ if TYPE_CHECKING:
     from av.video.stream import VideoStream
 
 _OPTIONS = {"protocol_whitelist": "file"}  # a list of addresses is no film
-_STRICT = {"err_detect": "explode"}  # otherwise decoders fill damaged parts from other pictures
+_STRICT_DECODING = {"err_detect": "explode"}  # otherwise decoders fill damaged parts from other pictures
 _THREADS = 2  # that decode frames; threads for the slices of a frame hide errors of H.264
 _NO_TIMESTAMPS = 0x80  # AVFMT_NOTIMESTAMPS of FFmpeg: this kind of file carries none
 _MAX_STEP_BACK_S = 0.5  # more is no jitter of a recorder: the times begin again
-_MAX_LATE = 0.1  # share of pictures that are not later than the one before
-_RESTAMP = "give it timestamps, for instance 30 a second: ffmpeg -r 30 -i {name} out.mp4"
-_MIN_READ = 0.9  # share of the announced length; of a shorter film the end is missing
+_MAX_LATE_SHARE = 0.1  # share of pictures that are not later than the one before
+_TIMESTAMP_REMEDY = "give it timestamps, for instance 30 a second: ffmpeg -r 30 -i {name} out.mp4"
+_MIN_READ_SHARE = 0.9  # share of the announced length; of a shorter film the end is missing
 
 
 @dataclass
@@ -75,14 +75,14 @@ class Video:
                 )
             stream = container.streams.best("video")
             if not isinstance(stream, av.VideoStream) or stream.codec_context is None:  # no decoder
-                raise undecodable(self.path)
-            reading, times = _Reading(container, stream), _Times(self.name, stream.time_base)
+                raise decoding_error(self.path)
+            reading, times = _Decoder(container, stream), _Timestamps(self.name, stream.time_base)
             conversion = _Conversion(self.path, stream.sample_aspect_ratio)
             for number, frame in reading.frames():
-                t = number / self.rate if not timed and self.rate else times.of(frame)
+                t = number / self.rate if not timed and self.rate else times.seconds(frame)
                 yield t, conversion.picture(frame, t)
             if not reading.pictures:
-                raise undecodable(self.path)
+                raise decoding_error(self.path)
             times.require_few_late(reading.pictures)
             self.remarks = reading.remarks(self.name)
 
@@ -93,7 +93,7 @@ class Video:
             # "file:" lets a name contain a colon. Old cameras write metadata in their own alphabets.
             return av.open(f"file:{self.path}", options=_OPTIONS, metadata_errors="ignore")
         except (av.FFmpegError, MemoryError, ValueError):
-            raise undecodable(self.path) from None
+            raise decoding_error(self.path) from None
 
 
 class _Conversion:
@@ -134,7 +134,7 @@ class _Conversion:
         return picture
 
 
-class _Reading:
+class _Decoder:
     """One pass over a film, and what is missing in it."""
 
     def __init__(self, container: InputContainer, stream: VideoStream):
@@ -152,10 +152,10 @@ class _Reading:
         import av
 
         codec = self._stream.codec_context
-        codec.options = _STRICT
+        codec.options = _STRICT_DECODING
         codec.thread_type, codec.thread_count = "FRAME", _THREADS
         damaged = False
-        for packet in chain(self._demuxed(), [None]):  # None: what the decoder still holds
+        for packet in chain(self._packets_of_file(), [None]):  # None: what the decoder still holds
             try:
                 failed = packet is not None and packet.is_corrupt
                 frames = [] if failed else self._stream.decode(packet)
@@ -171,7 +171,7 @@ class _Reading:
                     yield self.pictures + self._lost, frame
                     self.pictures += 1
 
-    def _demuxed(self) -> Iterator[Packet[Stream]]:
+    def _packets_of_file(self) -> Iterator[Packet[Stream]]:
         """The packets of the film; those of its sound only show where the file ends."""
         import av
 
@@ -188,19 +188,19 @@ class _Reading:
 
     def remarks(self, name: str) -> list[str]:
         """Sentences about what is missing, after all was read."""
-        said = [f"{name}: {self._lost} pictures are damaged and left out"] if self._lost else []
+        sentences = [f"{name}: {self._lost} pictures are damaged and left out"] if self._lost else []
         announced = 1e-6 * (self._container.duration or 0)
         if self._packets < self._stream.frames and self._stream.average_rate:
             announced = max(announced, float(self._stream.frames / self._stream.average_rate))
-        if self._end < _MIN_READ * announced:
-            said.append(
+        if self._end < _MIN_READ_SHARE * announced:
+            sentences.append(
                 f"{name} announces {announced:.1f} s, {self._end:.1f} s could be read: "
                 "it may have been cut off"
             )
-        return said
+        return sentences
 
 
-class _Times:
+class _Timestamps:
     """The times of a film's pictures [s], from its first one on."""
 
     def __init__(self, name: str, unit: Fraction | None):
@@ -208,16 +208,16 @@ class _Times:
         self._unit = unit  # of a timestamp [s]
         self._first: Fraction | None = None
         self._last = -np.inf
-        self._late = 0
+        self._late_count = 0
 
-    def of(self, frame: VideoFrame) -> float:
+    def seconds(self, frame: VideoFrame) -> float:
         """Raises `InputError` where the frame has none, or the times begin again."""
         stamp = frame.pts if frame.pts is not None else frame.dts
         if stamp is None or self._unit is None:
             raise InputError(
                 f"a picture of {self._name} has no timestamp",
                 code="film.no-timestamps",
-                remedy=_RESTAMP.format(name=self._name),
+                remedy=_TIMESTAMP_REMEDY.format(name=self._name),
             )
         since = stamp * self._unit
         self._first = since if self._first is None else self._first
@@ -229,20 +229,20 @@ class _Times:
                 expected="one film, and not several joined clips",
                 remedy="track each clip on its own, or join them with new timestamps: ffmpeg -f concat",
             )
-        self._late += t <= self._last
+        self._late_count += t <= self._last
         self._last = max(t, self._last)
         return t
 
     def require_few_late(self, pictures: int) -> None:
         """Raise `InputError` if many pictures would be left out because they are not later than the one
         before."""
-        if self._late > _MAX_LATE * pictures:
+        if self._late_count > _MAX_LATE_SHARE * pictures:
             raise InputError(
                 f"{self._name} has wrong timestamps",
                 code="film.wrong-timestamps",
                 expected="each picture later than the one before",
-                found=f"{self._late} of {pictures} pictures that are not",
-                remedy=_RESTAMP.format(name=self._name),
+                found=f"{self._late_count} of {pictures} pictures that are not",
+                remedy=_TIMESTAMP_REMEDY.format(name=self._name),
             )
 
 

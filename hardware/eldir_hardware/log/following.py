@@ -1,6 +1,6 @@
-"""Follows a log while another program writes it: each record as soon as it is in the file.
+"""Follows a log while another program writes it: reads each record as soon as it is in the file.
 
-The writer is not asked and not delayed. A log that is finished is followed to its end in the same way.
+The writer is not involved. A finished log is read to its end in the same way.
 """
 
 from __future__ import annotations
@@ -15,16 +15,15 @@ from mcap.records import Attachment, Channel, Message, Metadata, Schema
 
 from eldir.errors import InputError, damaged, not_read
 from eldir_hardware.log import messages as m
-from eldir_hardware.log.bag import log_in
-from eldir_hardware.log.salvage import run_metadata, whole_record
+from eldir_hardware.log._salvage import run_metadata, whole_record
+from eldir_hardware.log.mcap_file import MAGIC, find_log
 from eldir_hardware.resource import Resource
 
-_MAGIC = b"\x89MCAP0\r\n"
 _HEAD = struct.Struct("<BQ")  # kind of a record, length
-_LARGEST = 1 << 28  # a longer record is damaged [bytes]
+_MAX_RECORD = 1 << 28  # a longer record is damaged [bytes]
 
 
-class Place(NamedTuple):
+class MessagePlace(NamedTuple):
     """Where a message is in the file."""
 
     chunk: int
@@ -39,7 +38,7 @@ class LogMessage(NamedTuple):
     topic: str
     stamp_ns: int
     message: Any
-    place: Place
+    place: MessagePlace
 
 
 class LogFollower(Resource):
@@ -48,17 +47,17 @@ class LogFollower(Resource):
     def __init__(self, path: Path | str, topics: Collection[str] | None = None, raw: bool = False):
         """`topics`: those that `poll` gives; None for all. `raw`: it gives messages as the bytes (CDR) of the
         log."""
-        self.path = log_in(Path(path))
+        self.path = find_log(Path(path))
         self.attachments: dict[str, bytes] = {}
-        """Files kept with the log, as far as it was read."""
+        """Attached files, as far as the log was read."""
         self.epoch_ns: int | None = None
         """Time of day at the start [ns since 1970]; None before the run begins."""
-        self.ended = False
+        self.is_finished = False
         """Whether the program that wrote the log has finished it."""
         self.damaged = 0
         """Number of chunks and attachments whose checksum is wrong."""
         self._topics, self._raw = topics, raw
-        self._at = 0
+        self._position = 0
         self._channels: dict[int, tuple[str, str]] = {}  # topic and type
         self._schemas: dict[int, str] = {}
 
@@ -68,44 +67,46 @@ class LogFollower(Resource):
             self._file: BinaryIO = self.path.open("rb")
         except OSError as error:
             raise not_read(self.path, error) from None
-        mark = self._file.read(len(_MAGIC))
-        if mark and not _MAGIC.startswith(mark):
+        magic = self._file.read(len(MAGIC))
+        if magic and not MAGIC.startswith(magic):
             self._file.close()
-            problem, expected = f"{self.path} is no MCAP log", "a log of `eldir rig drive`"
+            problem, expected = f"{self.path} is not an MCAP log", "a log of `eldir rig drive`"
             raise InputError(problem, code="log.other-file", expected=expected, found="another file")
 
     def close(self) -> None:
         self._file.close()
 
     @property
-    def is_whole(self) -> bool:
-        """Whether the file has its end: nobody writes it any more."""
+    def is_complete(self) -> bool:
+        """Whether the file is finished: no program writes it any more."""
         end = self._file.seek(0, 2)
-        self._file.seek(max(end - len(_MAGIC), 0))
-        return end > 2 * len(_MAGIC) and self._file.read() == _MAGIC
+        self._file.seek(max(end - len(MAGIC), 0))
+        return end > 2 * len(MAGIC) and self._file.read() == MAGIC
 
-    def kind_of(self, topic: str) -> str:
+    def get_type(self, topic: str) -> str:
         """Type of a topic that `poll` gave, such as sensor_msgs/msg/Temperature."""
         return next(kind for name, kind in self._channels.values() if name == topic)
 
     def poll(self) -> Iterator[LogMessage]:
-        """Every message that has come since the last call, in the order of the file. Take them all: the next
-        call goes on behind the chunk of the last one."""
-        self._at = max(self._at, len(_MAGIC))
-        while not self.ended and (content := self._next()) is not None:
-            at, kind, body = content
+        """Yield every message since the last call, in the order of the file.
+
+        Consume all of them: the next call continues after the chunk of the last one.
+        """
+        self._position = max(self._position, len(MAGIC))
+        while not self.is_finished and (content := self._next()) is not None:
+            position, kind, body = content
             record = whole_record(kind, body)
             if isinstance(record, list):
-                yield from self._messages(at, record)
+                yield from self._messages(position, record)
             elif isinstance(record, Attachment):
                 self.attachments[record.name] = record.data
             elif isinstance(record, Metadata):
                 self.epoch_ns, _ = run_metadata(record)
             elif record is not None:
                 self.damaged += 1
-            self.ended = kind == Opcode.DATA_END
+            self.is_finished = kind == Opcode.DATA_END
 
-    def read(self, place: Place) -> Any:
+    def read(self, place: MessagePlace) -> Any:
         """The message at a place that `poll` gave."""
         self._file.seek(place.chunk)
         kind, length = _HEAD.unpack(self._file.read(_HEAD.size))
@@ -117,20 +118,20 @@ class LogFollower(Resource):
 
     def _next(self) -> tuple[int, int, memoryview] | None:
         """Offset, kind and content of the next record, once all of it is in the file."""
-        self._file.seek(self._at)
+        self._file.seek(self._position)
         head = self._file.read(_HEAD.size)
         if len(head) < _HEAD.size:
             return None
         kind, length = _HEAD.unpack(head)
-        if length > _LARGEST:
+        if length > _MAX_RECORD:
             raise damaged(self.path, remedy="recover what is valid: eldir recover")
         body = self._file.read(length)
         if len(body) < length:
             return None
-        at, self._at = self._at, self._at + _HEAD.size + length
-        return at, kind, memoryview(body)
+        position, self._position = self._position, self._position + _HEAD.size + length
+        return position, kind, memoryview(body)
 
-    def _messages(self, at: int, records: list[Any]) -> Iterator[LogMessage]:
+    def _messages(self, position: int, records: list[Any]) -> Iterator[LogMessage]:
         number = -1
         for record in records:
             if isinstance(record, Schema):
@@ -141,9 +142,11 @@ class LogFollower(Resource):
                 number += 1
                 topic, _ = self._channels.get(record.channel_id, ("", ""))
                 if topic and (self._topics is None or topic in self._topics):
-                    yield LogMessage(topic, record.log_time, self._message(record), Place(at, number))
+                    yield LogMessage(
+                        topic, record.log_time, self._message(record), MessagePlace(position, number)
+                    )
 
     def _message(self, record: Message) -> Any:
         if self._raw:
             return record.data
-        return m.types().deserialize_cdr(record.data, self._channels[record.channel_id][1])
+        return m.typestore().deserialize_cdr(record.data, self._channels[record.channel_id][1])

@@ -9,10 +9,12 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
+import numpy as np
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
 from eldir.core.yaml_files import dump_yaml
+from eldir_hardware.camera.lens import Lens
 
 FRAME_ID = "ground"
 """Frame of all points: x forward, z up from the ground (REP-103); y is 0 in the plane of motion."""
@@ -35,7 +37,7 @@ VOLTAGES = "/voltages"
 STATUS = "/diagnostics"
 
 
-def mark_topic(name: str) -> str:
+def marker_topic(name: str) -> str:
     """Topic of the position of one mark, such as /marks/m1."""
     return f"/marks/{name}"
 
@@ -46,13 +48,13 @@ def spring_topic(name: str) -> str:
 
 
 @cache
-def types() -> Typestore:
+def typestore() -> Typestore:
     """Messages of ROS 2 Jazzy."""
     return get_typestore(Stores.ROS2_JAZZY)
 
 
 @dataclass(frozen=True)
-class Kind:
+class MessageType:
     """A message type and its quality of service."""
 
     name: str
@@ -62,7 +64,7 @@ class Kind:
     @property
     def definition(self) -> str:
         """Definition of the type and of all types in it, in the schema encoding `ros2msg`."""
-        return types().generate_msgdef(f"{self.package}/msg/{self.short}", ros_version=2)[0]
+        return typestore().generate_msgdef(f"{self.package}/msg/{self.short}", ros_version=2)[0]
 
     @property
     def package(self) -> str:
@@ -94,32 +96,62 @@ class Kind:
     @property
     def digest(self) -> str:
         """Hash of the type's description (REP-2016)."""
-        return types().hash_rihs01(self.name)
+        return typestore().hash_rihs01(self.name)
 
 
-KINDS = {
-    "image": Kind("sensor_msgs/msg/CompressedImage"),
-    "camera_info": Kind("sensor_msgs/msg/CameraInfo", latched=True),
-    "point": Kind("geometry_msgs/msg/PointStamped"),
-    "markers": Kind("visualization_msgs/msg/MarkerArray"),
-    "values": Kind("sensor_msgs/msg/JointState"),
-    "temperature": Kind("sensor_msgs/msg/Temperature"),
-    "status": Kind("diagnostic_msgs/msg/DiagnosticArray", latched=True),
+MESSAGE_TYPES = {
+    "image": MessageType("sensor_msgs/msg/CompressedImage"),
+    "camera_info": MessageType("sensor_msgs/msg/CameraInfo", latched=True),
+    "point": MessageType("geometry_msgs/msg/PointStamped"),
+    "markers": MessageType("visualization_msgs/msg/MarkerArray"),
+    "values": MessageType("sensor_msgs/msg/JointState"),
+    "temperature": MessageType("sensor_msgs/msg/Temperature"),
+    "status": MessageType("diagnostic_msgs/msg/DiagnosticArray", latched=True),
 }
 
 
-def log_message(kind: str, /, **fields: Any) -> Any:
-    """A message of one of `KINDS`, by its key there."""
-    return types().types[KINDS[kind].name](**fields)
+def make_message(kind: str, /, **fields: Any) -> Any:
+    """A message of one of `MESSAGE_TYPES`, by its key there."""
+    return typestore().types[MESSAGE_TYPES[kind].name](**fields)
 
 
-def ros_message(name: str, /, **fields: Any) -> Any:
+def make_ros_message(name: str, /, **fields: Any) -> Any:
     """A message of any type, such as one inside another, by its full type name."""
-    return types().types[name](**fields)
+    return typestore().types[name](**fields)
 
 
-def header_at(nanoseconds: int, frame_id: str = "") -> Any:
+def make_header(nanoseconds: int, frame_id: str = "") -> Any:
     """A std_msgs/Header with that time [ns since 1970] and frame."""
     seconds, rest = divmod(nanoseconds, 1_000_000_000)
-    time = ros_message("builtin_interfaces/msg/Time", sec=seconds, nanosec=rest)
-    return ros_message("std_msgs/msg/Header", stamp=time, frame_id=frame_id)
+    time = make_ros_message("builtin_interfaces/msg/Time", sec=seconds, nanosec=rest)
+    return make_ros_message("std_msgs/msg/Header", stamp=time, frame_id=frame_id)
+
+
+def calibration_fields(lens: Lens | None) -> dict[str, Any]:
+    """Distortion model, D, K, R and P by their names in the message.
+
+    Pictures are not rectified, so R is one and P is K. Without a lens all are zero: K[0] = 0 is how
+    the message says that a camera is not calibrated.
+    """
+    if lens is None:
+        return {
+            "distortion_model": "",
+            "d": np.zeros(0),
+            "k": np.zeros(9),
+            "r": np.zeros(9),
+            "p": np.zeros(12),
+        }
+    return {
+        "distortion_model": "plumb_bob",  # k1, k2, p1, p2, k3, in OpenCV's order as ours
+        "d": lens.distortion.copy(),
+        "k": lens.matrix.ravel(),
+        "r": np.eye(3).ravel(),
+        "p": np.column_stack([lens.matrix, np.zeros(3)]).ravel(),
+    }
+
+
+def camera_info_fields(lens: Lens | None, width: int, height: int) -> dict[str, Any]:
+    """All fields but the header, of whole pictures of this size [px]."""
+    region = {"x_offset": 0, "y_offset": 0, "height": 0, "width": 0, "do_rectify": False}
+    size = {"height": height, "width": width, "binning_x": 0, "binning_y": 0, "roi": region}
+    return size | calibration_fields(lens)

@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 from eldir.core.records import FloatArray
 from eldir_hardware.camera.lens import Lens
 from eldir_hardware.images import jpeg
-from eldir_hardware.log import camera_info
 from eldir_hardware.log import messages as m
-from eldir_hardware.log.growing import GrowingLog
-from eldir_hardware.markers.mark_sheet import MARK_DIAMETER, PALETTE
+from eldir_hardware.log._growing import GrowingLog
+from eldir_hardware.markers.registration import DISC_DIAMETER, PALETTE
 
 _WARN, _OK = 1, 0  # levels of diagnostic_msgs
 
@@ -54,22 +53,22 @@ class Recorder(GrowingLog):
 
     def on_picture(self, t: float, data: NDArray[np.uint8], width: int, height: int) -> None:
         """A picture of the camera that is JPEG already, bytes (N,)."""
-        if m.CAMERA_INFO not in self._known:
+        if m.CAMERA_INFO not in self._channel_ids:
             if self._lens is not None:
                 self._lens.require_size(width, height)
-            self.on_camera_info(t, camera_info.of(self._lens, width, height))
-        image = m.log_message("image", header=self._header(t, m.CAMERA_FRAME_ID), format="jpeg", data=data)
+            self.on_camera_info(t, m.camera_info_fields(self._lens, width, height))
+        image = m.make_message("image", header=self._header(t, m.CAMERA_FRAME_ID), format="jpeg", data=data)
         self._write(m.IMAGE, "image", t, image)
 
     def on_camera_info(self, t: float, info: Mapping[str, Any]) -> None:
         """The lens as the camera's driver reports it: the fields of sensor_msgs/CameraInfo by name, without
         header. If there is none before the first picture, the lens file is used."""
-        region = m.ros_message("sensor_msgs/msg/RegionOfInterest", **info["roi"])
+        region = m.make_ros_message("sensor_msgs/msg/RegionOfInterest", **info["roi"])
         fields = dict(info) | {"header": self._header(t, m.CAMERA_FRAME_ID), "roi": region}
-        self._write(m.CAMERA_INFO, "camera_info", t, m.log_message("camera_info", **fields))
+        self._write(m.CAMERA_INFO, "camera_info", t, m.make_message("camera_info", **fields))
 
     def on_tracks(self, t: float, names: Sequence[str], positions: FloatArray) -> None:
-        """Where the marks are in the plane (K, 2) [m]; one that was not seen is NaN."""
+        """Positions of the markers in the plane (K, 2) [m]; NaN if not detected."""
         header = self._header(t, m.FRAME_ID)
         markers = []
         for number, (name, (x, y)) in enumerate(
@@ -77,14 +76,14 @@ class Recorder(GrowingLog):
         ):
             markers.append(_marker(header, number, name, x, y))
             if np.isfinite(x):
-                point = m.ros_message("geometry_msgs/msg/Point", x=x, y=0.0, z=y)
+                point = m.make_ros_message("geometry_msgs/msg/Point", x=x, y=0.0, z=y)
                 self._write(
-                    m.mark_topic(name), "point", t, m.log_message("point", header=header, point=point)
+                    m.marker_topic(name), "point", t, m.make_message("point", header=header, point=point)
                 )
-        self._write(m.MARKERS, "markers", t, m.log_message("markers", markers=markers))
+        self._write(m.MARKERS, "markers", t, m.make_message("markers", markers=markers))
 
     def on_relays(self, t: float, states: Sequence[bool]) -> None:
-        """What the board reports of its contacts: 1 is closed."""
+        """The board's report of its contacts: 1 is closed."""
         names = self._channels or tuple(f"contact{i}" for i in range(len(states)))
         self._write_values(m.RELAYS, t, names, states)
         self._flush()
@@ -93,7 +92,7 @@ class Recorder(GrowingLog):
         """Temperature of every spring [C]."""
         names = self._springs or tuple(f"spring{i}" for i in range(len(celsius)))
         for name, value in zip(names, celsius, strict=True):
-            reading = m.log_message(
+            reading = m.make_message(
                 "temperature", header=self._header(t), temperature=float(value), variance=0.0
             )
             self._write(m.spring_topic(name), "temperature", t, reading)
@@ -109,10 +108,10 @@ class Recorder(GrowingLog):
     ) -> None:
         """An event of a part of the rig, such as why it stopped."""
         pairs = [
-            m.ros_message("diagnostic_msgs/msg/KeyValue", key=k, value=str(v))
+            m.make_ros_message("diagnostic_msgs/msg/KeyValue", key=k, value=str(v))
             for k, v in (values or {}).items()
         ]
-        status = m.ros_message(
+        status = m.make_ros_message(
             "diagnostic_msgs/msg/DiagnosticStatus",
             level=_OK if good else _WARN,
             name=name,
@@ -120,7 +119,7 @@ class Recorder(GrowingLog):
             hardware_id="",
             values=pairs,
         )
-        self._write(m.STATUS, "status", t, m.log_message("status", header=self._header(t), status=[status]))
+        self._write(m.STATUS, "status", t, m.make_message("status", header=self._header(t), status=[status]))
         self._flush()
 
     def on_event(self, t: float, text: str) -> None:
@@ -128,13 +127,13 @@ class Recorder(GrowingLog):
         self.on_status(t, "player", text)
 
     def on_stall(self, t: float, seconds: float) -> None:
-        """The camera gave no picture for so long."""
+        """The camera gave no picture for `seconds` [s]."""
         self.on_status(t, "camera", f"no frame for {seconds:.1f} s", good=False)
 
     def _write_values(self, topic: str, t: float, names: Sequence[str], values: Sequence[float]) -> None:
         """One number for each name."""
         nothing = np.zeros(0)
-        message = m.log_message(
+        message = m.make_message(
             "values",
             header=self._header(t),
             name=list(names),
@@ -145,28 +144,32 @@ class Recorder(GrowingLog):
         self._write(topic, "values", t, message)
 
     def _header(self, t: float, frame_id: str = "") -> Any:
-        return m.header_at(self._ns(t), frame_id)
+        return m.make_header(self._to_ns(t), frame_id)
 
 
 def _marker(header: Any, number: int, name: str, x: float, y: float) -> Any:
-    """A mark as RViz and Foxglove draw it; the marker of a mark that is not seen is deleted."""
-    seen = bool(np.isfinite(x))
+    """A marker as RViz and Foxglove draw it; deleted if it was not detected."""
+    is_detected = bool(np.isfinite(x))
     red, green, blue = (c / 255 for c in PALETTE.get(name, (128, 128, 128)))
-    zero = m.ros_message("builtin_interfaces/msg/Duration", sec=0, nanosec=0)
-    place = m.ros_message("geometry_msgs/msg/Point", x=x if seen else 0.0, y=0.0, z=y if seen else 0.0)
-    upright = m.ros_message("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0)
-    kind: Any = m.types().types["visualization_msgs/msg/Marker"]
-    no_picture = m.log_message("image", header=header, format="", data=np.zeros(0, np.uint8))
-    no_mesh = m.ros_message("visualization_msgs/msg/MeshFile", filename="", data=np.zeros(0, np.uint8))
+    zero = m.make_ros_message("builtin_interfaces/msg/Duration", sec=0, nanosec=0)
+    place = m.make_ros_message(
+        "geometry_msgs/msg/Point", x=x if is_detected else 0.0, y=0.0, z=y if is_detected else 0.0
+    )
+    upright = m.make_ros_message("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0)
+    kind: Any = m.typestore().types["visualization_msgs/msg/Marker"]
+    no_picture = m.make_message("image", header=header, format="", data=np.zeros(0, np.uint8))
+    no_mesh = m.make_ros_message("visualization_msgs/msg/MeshFile", filename="", data=np.zeros(0, np.uint8))
     return kind(
         header=header,
         ns=name,
         id=number,
         type=kind.SPHERE,
-        action=kind.ADD if seen else kind.DELETE,
-        pose=m.ros_message("geometry_msgs/msg/Pose", position=place, orientation=upright),
-        scale=m.ros_message("geometry_msgs/msg/Vector3", x=MARK_DIAMETER, y=MARK_DIAMETER, z=MARK_DIAMETER),
-        color=m.ros_message("std_msgs/msg/ColorRGBA", r=red, g=green, b=blue, a=1.0),
+        action=kind.ADD if is_detected else kind.DELETE,
+        pose=m.make_ros_message("geometry_msgs/msg/Pose", position=place, orientation=upright),
+        scale=m.make_ros_message(
+            "geometry_msgs/msg/Vector3", x=DISC_DIAMETER, y=DISC_DIAMETER, z=DISC_DIAMETER
+        ),
+        color=m.make_ros_message("std_msgs/msg/ColorRGBA", r=red, g=green, b=blue, a=1.0),
         lifetime=zero,
         frame_locked=False,
         points=[],

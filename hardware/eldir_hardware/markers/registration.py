@@ -1,6 +1,7 @@
-"""The installed kinds of marker: entry points of the group `eldir.markers`, of any package.
+"""The markers on masses m1 to m5: their colours and size, and the installed kinds of marker.
 
-A package adds a kind with one line in its pyproject.toml; the name on the left is what a rig file says:
+Kinds are entry points of the group `eldir.markers`, of any package. A package adds a kind with one line in
+its pyproject.toml; the name on the left is the value of `marker` in a rig file:
 
     [project.entry-points."eldir.markers"]
     stars = "my_markers.stars:MARKER"
@@ -13,6 +14,8 @@ from dataclasses import dataclass
 from importlib.metadata import entry_points
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from eldir.core.arguments import require_known
 from eldir.core.records import FloatArray
 from eldir.errors import InputError
@@ -20,8 +23,26 @@ from eldir.errors import InputError
 if TYPE_CHECKING:
     from eldir_hardware.markers.tracker import MarkerTracker
 
-GROUP = "eldir.markers"
-DEFAULT = "discs"
+DISC_DIAMETER = 0.0105
+"""Diameter of every disc [m]."""
+
+PALETTE = {
+    "m1": (214, 40, 40),
+    "m2": (235, 200, 20),
+    "m3": (30, 160, 60),
+    "m4": (30, 90, 210),
+    "m5": (190, 40, 190),
+}
+"""sRGB of the disc on each mass: distinct hues identify the markers."""
+
+
+def nominal_bgr(name: str) -> np.ndarray:
+    """Colour of a marker as OpenCV orders it, 0 to 255, shape (3,)."""
+    return np.array(PALETTE[name][::-1], dtype=np.float64)
+
+
+ENTRY_POINT_GROUP = "eldir.markers"
+DEFAULT_KIND = "discs"
 """The kind of rig files and logs that name none."""
 
 Paint = Callable[[str, FloatArray, float], tuple[FloatArray, FloatArray]]
@@ -40,24 +61,24 @@ class MarkerKind:
     width: float
     """Width of the printed marker with its white border [m]."""
     description: str
-    """What it is, in a few words, for the printed sheet."""
+    """A short description for the printed sheet."""
 
 
-def kinds() -> tuple[str, ...]:
+def installed_kinds() -> tuple[str, ...]:
     """The kinds of marker that are installed, sorted by name."""
-    return tuple(sorted({point.name for point in entry_points(group=GROUP)}))
+    return tuple(sorted({point.name for point in entry_points(group=ENTRY_POINT_GROUP)}))
 
 
 def require_kind(kind: str) -> str:
-    """The kind itself. Raises `InputError` where it is not installed; loads nothing."""
+    """The kind itself. Raises `InputError` where it is not installed; does not load it."""
     remedy = "correct the kind, or install the package that provides it"
-    require_known("kind of marker", kind, kinds(), remedy)
+    require_known("kind of marker", kind, installed_kinds(), remedy)
     return kind
 
 
-def marker_kind(kind: str) -> MarkerKind:
+def load_kind(kind: str) -> MarkerKind:
     """The kind of that name. Raises `InputError` where there is none, or it cannot be loaded."""
-    point = next(iter(entry_points(group=GROUP, name=require_kind(kind))))
+    point = next(iter(entry_points(group=ENTRY_POINT_GROUP, name=require_kind(kind))))
     try:
         found = point.load()
     except (Exception, SystemExit) as error:  # another package's code runs here

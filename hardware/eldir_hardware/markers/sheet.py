@@ -12,21 +12,20 @@ import numpy as np
 
 from eldir.core.records import FloatArray
 from eldir_hardware.camera.plane import Image
-from eldir_hardware.markers.mark_sheet import PALETTE
-from eldir_hardware.markers.painted_squares import paint_square, square_cells
-from eldir_hardware.markers.registration import MarkerKind
+from eldir_hardware.markers.registration import PALETTE, MarkerKind
+from eldir_hardware.markers.squares import paint_square, square_cells
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-BAR = 0.1
+SCALE_BAR = 0.1
 """Length of the scale bar [m]."""
 _PAGE = np.array([0.210, 0.297])  # A4 [m]
 _TOP, _BOTTOM, _SIDE = 0.03, 0.04, 0.012  # margins [m]
 _GAP = 0.006  # between what is cut out [m]
-_DOT = 0.0254 / 600  # [m]
+_DOT_SIZE = 0.0254 / 600  # [m]
 _COPIES = 4
-_CHECK = (
+_CHECK_TEXT = (
     "Print at 100 % (actual size), do not fit to the page. Check with calipers: the bar below is 100.0 mm\n"
     "long, from its left to its right edge. If it is not within 0.5 mm, print again."
 )
@@ -38,27 +37,27 @@ Drawing = Callable[[FloatArray, float], tuple[FloatArray, FloatArray]]
 def marker_sheet(kind: MarkerKind) -> bytes:
     """A page (PDF) with a few copies of each marker of this kind."""
 
-    def drawn(name: str) -> Drawing:
+    def drawing(name: str) -> Drawing:
         return lambda points, width: kind.paint(name, points, width)
 
-    cells = [cell for name in PALETTE for cell in [(name, _raster(drawn(name), kind.width))] * _COPIES]
-    return _pages(f"eldir markers m1 to m5: {kind.description}", cells, kind.width)
+    cells = [cell for name in PALETTE for cell in [(name, _rasterise(drawing(name), kind.width))] * _COPIES]
+    return _render_pages(f"eldir markers m1 to m5: {kind.description}", cells, kind.width)
 
 
 def tag_sheet(dictionary: str, count: int, side: float) -> bytes:
     """Pages (PDF) with the reference tags 0 to `count` - 1, black squares of this side [m], each upright."""
 
-    def drawn(number: int) -> Drawing:
+    def drawing(number: int) -> Drawing:
         cells = square_cells(dictionary, number)
         return lambda points, width: paint_square(cells, side, side / len(cells), points, width)
 
     width = 1.4 * side
-    cells = ((f"tag {number}, this side up", _raster(drawn(number), width)) for number in range(count))
+    cells = ((f"tag {number}, this side up", _rasterise(drawing(number), width)) for number in range(count))
     title = f"eldir reference tags {dictionary}: black squares of {1e3 * side:.1f} mm"
-    return _pages(title, cells, width)
+    return _render_pages(title, cells, width)
 
 
-def _pages(title: str, cells: Iterable[tuple[str, Image]], width: float) -> bytes:
+def _render_pages(title: str, cells: Iterable[tuple[str, Image]], width: float) -> bytes:
     from matplotlib.backends.backend_pdf import PdfPages
     from matplotlib.figure import Figure
 
@@ -74,7 +73,7 @@ def _pages(title: str, cells: Iterable[tuple[str, Image]], width: float) -> byte
                 row, column = divmod(number, int(columns))
                 left = (_PAGE[0] - columns * pitch + _GAP) / 2 + column * pitch
                 bottom = _PAGE[1] - _TOP - row * (pitch + _GAP) - width
-                _place(figure, picture, left, bottom, width)
+                _place_picture(figure, picture, left, bottom, width)
                 middle = (left + width / 2) / _PAGE[0]
                 figure.text(middle, (bottom - 0.0035) / _PAGE[1], label, ha="center", fontsize=6)
             _draw_scale_bar(figure)
@@ -82,17 +81,17 @@ def _pages(title: str, cells: Iterable[tuple[str, Image]], width: float) -> byte
     return buffer.getvalue()
 
 
-def _raster(drawing: Drawing, width: float) -> Image:
+def _rasterise(drawing: Drawing, width: float) -> Image:
     """The marker on white at 600 dots an inch, RGB (n, n, 3)."""
-    steps = (np.arange(round(width / _DOT)) + 0.5) * _DOT - width / 2
+    steps = (np.arange(round(width / _DOT_SIZE)) + 0.5) * _DOT_SIZE - width / 2
     points = np.stack(np.meshgrid(steps, -steps), axis=-1)
-    cover, colour = drawing(points, _DOT)
+    cover, colour = drawing(points, _DOT_SIZE)
     linear = 1 + cover[..., None] * (np.asarray(colour) - 1)
     shown = cv2.pow(np.clip(linear, 0, 1).astype(np.float32), 1 / 2.2).reshape(linear.shape)
     return np.broadcast_to(np.round(255 * shown).astype(np.uint8)[..., ::-1], (*cover.shape, 3))
 
 
-def _place(figure: Figure, picture: Image, left: float, bottom: float, width: float) -> None:
+def _place_picture(figure: Figure, picture: Image, left: float, bottom: float, width: float) -> None:
     axes = figure.add_axes((left / _PAGE[0], bottom / _PAGE[1], width / _PAGE[0], width / _PAGE[1]))
     axes.imshow(picture, interpolation="none", aspect="auto")
     axes.set_axis_off()
@@ -102,11 +101,11 @@ def _draw_scale_bar(figure: Figure) -> None:
     """A bar of 100 mm with a step every 10 mm, and how to check it."""
     from matplotlib.patches import Rectangle
 
-    left, bottom, height = (_PAGE[0] - BAR) / 2, 0.012, 0.004
+    left, bottom, height = (_PAGE[0] - SCALE_BAR) / 2, 0.012, 0.004
     for step in range(10):
-        corner = (left + step * BAR / 10) / _PAGE[0], bottom / _PAGE[1]
+        corner = (left + step * SCALE_BAR / 10) / _PAGE[0], bottom / _PAGE[1]
         shade = "black" if step % 2 == 0 else "0.6"
-        size = BAR / 10 / _PAGE[0], height / _PAGE[1]
+        size = SCALE_BAR / 10 / _PAGE[0], height / _PAGE[1]
         figure.add_artist(Rectangle(corner, *size, facecolor=shade, linewidth=0))
-    figure.text(0.5, (bottom + 0.006) / _PAGE[1], _CHECK, ha="center", fontsize=7)
+    figure.text(0.5, (bottom + 0.006) / _PAGE[1], _CHECK_TEXT, ha="center", fontsize=7)
     figure.text(0.5, (bottom - 0.005) / _PAGE[1], "100 mm", ha="center", fontsize=7)

@@ -1,30 +1,77 @@
-"""Numbered squares, for where colours cannot be used: ArUco and AprilTag, each with its own number.
+"""Numbered squares, ArUco and AprilTag: how they are printed, and how those on the masses are tracked.
 
-A disc of the same size is measured several times better (docs/reference/vision.md).
+They are for places where colours cannot be used. A disc of the same size is measured several times better
+(docs/reference/vision.md).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 from typing import ClassVar
 
 import cv2
 import numpy as np
 
-from eldir.core.records import BoolArray, FloatArray
+from eldir.core.records import BoolArray, FloatArray, IntArray
 from eldir.errors import InputError
 from eldir_hardware.camera.plane import Image, Plane
-from eldir_hardware.camera.tags import cross_edges
-from eldir_hardware.markers.painted_squares import paint_square, square_cells
+from eldir_hardware.camera.tags import intersect_edges
 from eldir_hardware.markers.registration import MarkerKind
 from eldir_hardware.markers.tracker import MarkerTracker
 
-FIRST = 40
+_PAPER, _INK = 0.85, 0.05
+"""Linear reflectance of paper and ink."""
+
+
+@lru_cache
+def square_cells(dictionary: str, number: int) -> Image:
+    """The cells of a square with its black border (N, N), 0 and 255, in OpenCV's dictionary of that name."""
+    tags = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, dictionary))
+    return cv2.aruco.generateImageMarker(tags, number, tags.markerSize + 2)
+
+
+def paint_square(
+    cells: Image, side: float, border: float, points: FloatArray, width: float | FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """A square of this side on white paper that is wider by `border` on each side [m].
+
+    At points (..., 2) from its centre [m], each as wide as `width` (...) [m]: the part that the paper covers
+    (...), and its linear reflectance (..., 1). Soft edges keep their places exact.
+    """
+    x, y = points[..., 0], -points[..., 1]
+    half = side / 2 + border
+    cover = _covered_fraction(x, -half, half, width) * _covered_fraction(y, -half, half, width)
+    column, right = _nearest_line(x, side, len(cells), width)
+    row, below = _nearest_line(y, side, len(cells), width)
+    black = np.pad(np.where(cells == 0, 1.0, 0.0), 1).ravel()
+    at, beyond = row * (len(cells) + 2) + column, len(cells) + 2
+    above = black[at] + right * (black[at + 1] - black[at])
+    under = black[at + beyond] + right * (black[at + beyond + 1] - black[at + beyond])
+    return cover, (_PAPER + (above + below * (under - above)) * (_INK - _PAPER))[..., None]
+
+
+def _covered_fraction(x: FloatArray, low: float, high: float, width: float | FloatArray) -> FloatArray:
+    """Part of a point at x that lies between two lines."""
+    return np.clip((x - low) / width + 0.5, 0, 1) - np.clip((x - high) / width + 0.5, 0, 1)
+
+
+def _nearest_line(
+    x: FloatArray, side: float, cells: int, width: float | FloatArray
+) -> tuple[IntArray, FloatArray]:
+    """The line between cells that is nearest to x, 0 at the square's edge, and the part of a point at x that
+    lies behind it. A point is narrower than a cell."""
+    cell = side / cells
+    line = np.clip(np.rint(x / cell + cells / 2), 0, cells)
+    behind = np.clip((x - (line - cells / 2) * cell) / np.minimum(width, cell) + 0.5, 0, 1)
+    return line.astype(np.intp), behind
+
+
+FIRST_NUMBER = 40
 """m1 is number 40, m2 is 41, ...: the reference tags must use others."""
-SIDE = 0.024
-"""Side of the black square [m]: masses are 40 mm apart or more."""
-_REACH, _MAX_REACH = 0.6, 3.0
+SQUARE_SIDE = 0.024
+"""Side of the black square [m]: the distance of two masses is at least 40 mm."""
+_PROFILE_REACH, _MAX_PROFILE_REACH = 0.6, 3.0
 """How far to either side of an edge its profile is read: in cells, and at most [px]."""
 _MAX_CORRECTION = 3.0
 """A corner that moves farther when it is located along the edges was not one [px]."""
@@ -52,11 +99,11 @@ class SquareTracker(MarkerTracker[Square]):
         """As `MarkerTracker`. Raises `InputError` if the reference tags have the same numbers."""
         super().__init__(plane, names, layout)
         tags = plane.board
-        numbers = set(range(FIRST, FIRST + len(names)))
+        numbers = set(range(FIRST_NUMBER, FIRST_NUMBER + len(names)))
         if tags is not None and tags.dictionary == self.dictionary and numbers & set(tags.ids):
             raise InputError(
                 "a reference tag has the number of a marker",
-                expected=f"no tag of {self.dictionary} with a number from {FIRST} to {max(numbers)}",
+                expected=f"no tag of {self.dictionary} with a number from {FIRST_NUMBER} to {max(numbers)}",
                 found=", ".join(map(str, sorted(numbers & set(tags.ids)))),
                 remedy="print these reference tags with other numbers",
             )
@@ -67,7 +114,7 @@ class SquareTracker(MarkerTracker[Square]):
 
     def _detect(self, frame: Image) -> tuple[list[Square], BoolArray, FloatArray]:
         grey: Image = cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY)
-        wanted = set(range(FIRST, FIRST + len(self.names)))
+        wanted = set(range(FIRST_NUMBER, FIRST_NUMBER + len(self.names)))
         squares: list[Square] = []
         for scale in (1, 2):  # twice the size finds smaller ones
             missing = wanted - {square.number for square in squares}
@@ -88,10 +135,10 @@ class SquareTracker(MarkerTracker[Square]):
         """The square with these corners (4, 2) [px], measured along its edges."""
         cells = self._detector.getDictionary().markerSize + 2
         cell = float(np.linalg.norm(rough - np.roll(rough, 1, axis=0), axis=1).mean()) / cells
-        fine = cross_edges(grey, rough, min(_MAX_REACH, _REACH * cell))
+        fine = intersect_edges(grey, rough, min(_MAX_PROFILE_REACH, _PROFILE_REACH * cell))
         good = np.isfinite(fine).all() and np.abs(fine - rough).max() < _MAX_CORRECTION
         corners = fine if good else rough
-        centre = self.plane.to_pixels(_crossing(self.plane.to_metres(corners)))
+        centre = self.plane.to_pixels(_diagonal_intersection(self.plane.to_metres(corners)))
         sides = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1)
         return Square(number, centre, float(sides.mean()))
 
@@ -111,21 +158,29 @@ class AprilTagTracker(SquareTracker):
     dictionary = "DICT_APRILTAG_36h11"
 
 
-def _crossing(square: FloatArray) -> FloatArray:
+def _diagonal_intersection(square: FloatArray) -> FloatArray:
     """Crossing of the diagonals of corners (4, 2): the projected centre of the square."""
     (a, b, c, d) = np.column_stack([square, np.ones(4)])
     x = np.cross(np.cross(a, c), np.cross(b, d))
     return x[:2] / x[2]
 
 
-def _paint(dictionary: str, name: str, points: FloatArray, width: float) -> tuple[FloatArray, FloatArray]:
-    cells = square_cells(dictionary, FIRST + int(name[1:]) - 1)
-    return paint_square(cells, SIDE, SIDE / len(cells), points, width)
+def _paint_marker(
+    dictionary: str, name: str, points: FloatArray, width: float
+) -> tuple[FloatArray, FloatArray]:
+    cells = square_cells(dictionary, FIRST_NUMBER + int(name[1:]) - 1)
+    return paint_square(cells, SQUARE_SIDE, SQUARE_SIDE / len(cells), points, width)
 
 
 ARUCO = MarkerKind(
-    ArucoTracker, partial(_paint, ArucoTracker.dictionary), SIDE * 8 / 6, "ArUco squares, DICT_4X4_50"
+    ArucoTracker,
+    partial(_paint_marker, ArucoTracker.dictionary),
+    SQUARE_SIDE * 8 / 6,
+    "ArUco squares, DICT_4X4_50",
 )
 APRILTAG = MarkerKind(
-    AprilTagTracker, partial(_paint, AprilTagTracker.dictionary), SIDE * 10 / 8, "AprilTags, 36h11"
+    AprilTagTracker,
+    partial(_paint_marker, AprilTagTracker.dictionary),
+    SQUARE_SIDE * 10 / 8,
+    "AprilTags, 36h11",
 )

@@ -1,7 +1,8 @@
-"""Compiles a gait to a schedule for one rig: both faces alike, whole milliseconds, limits checked."""
+"""Compiles a gait to a schedule for one rig, checks its limits, and says how exactly the board plays it."""
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import replace
 from typing import Any, Protocol
 
@@ -12,10 +13,10 @@ from eldir.core.records import FloatArray
 from eldir.errors import InputError
 from eldir.parameters.wiring import FACES
 from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.rig.devices import get_driver
 from eldir_hardware.safety import limits
-from eldir_hardware.safety.schedule_digests import with_digests
-from eldir_hardware.schedule import ActuationSchedule, Event
-from eldir_hardware.schedule_prediction import SchedulePrediction, ScheduleProvenance
+from eldir_hardware.safety.compatibility import with_digests
+from eldir_hardware.schedule import ActuationSchedule, Event, SchedulePrediction, ScheduleProvenance
 
 _DECIMALS = 3
 
@@ -57,13 +58,13 @@ def compile_schedule(
             continue
         if length >= period:
             raise limits.LimitError(
-                f"spring {spring} would be heated without a pause",
+                f"the duty of spring {spring} is too large",
                 expected="a duty below 1",
                 found=f"{float(duty):g}",
             )
         off = round((on + length) % period, _DECIMALS) % period
         for face in FACES:
-            channel = rig.channel_of(spring, face)
+            channel = rig.find_channel(spring, face)
             if channel is None:
                 raise InputError(
                     f"the rig has no channel for spring {spring} of the {face} face",
@@ -83,7 +84,7 @@ def compile_schedule(
     )
 
 
-def gait_of(schedule: ActuationSchedule) -> Gait | None:
+def extract_gait(schedule: ActuationSchedule) -> Gait | None:
     """The gait of a schedule: the inverse of `compile_schedule`, with phase 0 for a spring that stays cold.
 
     None if a spring is heated more than once in a period, or differently on both faces.
@@ -97,3 +98,35 @@ def gait_of(schedule: ActuationSchedule) -> Gait | None:
             return None
         phase[spring], duty[spring] = start / schedule.period_s, length / schedule.period_s
     return Gait(schedule.period_s, phase, duty)
+
+
+MAX_HEAT_ERROR = 0.02
+"""Allowed relative error of the heat of a pulse."""
+MAX_TIME_ERROR = 0.020
+"""Allowed error of the instant at which a contact switches [s]."""
+_PROGRAM_DELAY = 0.005  # of this computer between a pulse's two edges, at the 99th percentile [s]
+
+
+def describe_precision(schedule: ActuationSchedule, rig: Rig) -> str:
+    """A sentence if the board exceeds `MAX_HEAT_ERROR` or `MAX_TIME_ERROR`; otherwise empty."""
+    if not schedule.events:
+        return ""
+    board = get_driver(rig.board.kind)
+    at_once = Counter(e.t_s for e in schedule.events if e.on)
+    # The mean of contacts that close one after another is on time; they open at once.
+    half_spread = (max(at_once.values()) - 1) / 2 * board.closing_interval
+    length = min(p.length for p in schedule.pulses())
+    off = (_PROGRAM_DELAY + half_spread) / length
+    sentences = []
+    if off > MAX_HEAT_ERROR:
+        needed = (_PROGRAM_DELAY + half_spread) / MAX_HEAT_ERROR
+        sentences.append(
+            f"the heat of pulses of {length:g} s is exact to {100 * off:.0f} % only; "
+            f"{100 * MAX_HEAT_ERROR:g} % need pulses of {needed:.2g} s"
+        )
+    if half_spread > MAX_TIME_ERROR:
+        sentences.append(
+            f"contacts close up to {1e3 * half_spread:.0f} ms before or after their time, because "
+            f"{max(at_once.values())} are due at once"
+        )
+    return f"on a board of kind {rig.board.kind}, " + "; ".join(sentences) if sentences else ""

@@ -16,35 +16,35 @@ from eldir.design import Design
 from eldir.parameters.springs import SpringParameters
 from eldir_hardware.planning.compiler import compile_schedule
 from eldir_hardware.rig.configuration import Rig
-from eldir_hardware.rig.supply import coldest_springs, shared_on, shares
-from eldir_hardware.safety.limits import on_in_period
-from eldir_hardware.safety.repeated_heat import run_until_repeated
-from eldir_hardware.safety.schedule_digests import with_digests
+from eldir_hardware.rig.supply import coldest_springs, power_shares, scale_by_shares
+from eldir_hardware.safety.compatibility import with_digests
+from eldir_hardware.safety.limits import on_fractions
+from eldir_hardware.safety.worst_heat import run_until_periodic
 from eldir_hardware.schedule import ActuationSchedule
 
-SHORTEST = 0.5
-"""Shortest pulse and pause [s]. The board is asked for its contacts within each of them."""
-LONGEST = 86_400.0
+MIN_PULSE = 0.5
+"""Shortest pulse and pause [s]; the board is read back within each of them."""
+MAX_HOLD = 86_400.0
 """Longest hold [s]."""
 
 
 class _Pulses(NamedTuple):
-    """All springs at once, so that few switchings leave time to ask the board."""
+    """Pulses of all springs at once: few switchings leave time for read-backs."""
 
     period: float
     phase: FloatArray
     duty: FloatArray
 
 
-class Held(NamedTuple):
-    """Springs in the period after which their temperatures repeat."""
+class HeldTemperatures(NamedTuple):
+    """Springs in the periodic state."""
 
-    least_c: float
+    min_c: float
     """Lowest temperature [C]."""
-    most_c: float
+    max_c: float
     """Highest temperature [C]."""
     stroke: float
-    """Part of their stroke that they hold at least."""
+    """Smallest held part of their stroke."""
 
 
 def hold_schedule(
@@ -55,18 +55,18 @@ def hold_schedule(
     springs: Sequence[int] = (),
     design_file: str | None = None,
 ) -> ActuationSchedule:
-    """Pulses that heat springs with a part of their full power on average, for so long at least.
+    """Pulses that heat springs with the mean part `power` of their full power, for at least `seconds` [s].
 
-    `springs`: numbers of active springs, all where there are none. The pulses are as short as the rig's
-    `min_off_s` and `SHORTEST` allow. Raises `LimitError` where a limit of the rig does not hold.
+    `springs`: numbers of active springs; all if empty. The pulses are as short as the rig's
+    `min_off_s` and `MIN_PULSE` allow. Raises `LimitError` if a limit of the rig is exceeded.
     """
     motors = design.morphology.motors
     require_value("power", 0 < power < 1, "more than 0 and less than 1", f"{power:g}")
-    expected = f"more than 0 and at most {LONGEST:g} s"
-    require_value("time", 0 < seconds <= LONGEST, expected, f"{seconds:g}")
+    expected = f"more than 0 and at most {MAX_HOLD:g} s"
+    require_value("time", 0 < seconds <= MAX_HOLD, expected, f"{seconds:g}")
     for spring in springs:
         require_value("spring", 0 <= spring < motors, f"0 to {motors - 1}", spring)
-    pause = max(rig.limits.min_off_s, SHORTEST, SHORTEST * (1 - power) / power)
+    pause = max(rig.limits.min_off_s, MIN_PULSE, MIN_PULSE * (1 - power) / power)
     pause = math.ceil(1e3 * pause - 1e-6) / 1e3
     pulse = round(pause * power / (1 - power), 3)
     period = pause + pulse
@@ -81,19 +81,23 @@ def hold_schedule(
     return with_digests(replace(schedule, conditioning_cycles=0), rig, design)
 
 
-def held(schedule: ActuationSchedule, rig: Rig, springs: SpringParameters) -> Held:
-    """Temperatures of such springs after a long time."""
-    on = shared_on(on_in_period(schedule.pulses(), schedule.period_s), shares(rig, springs))
-    history = run_until_repeated(on, schedule.period_s / len(on), springs, rig.limits.max_temperature_c)
+def hold_temperatures(schedule: ActuationSchedule, rig: Rig, springs: SpringParameters) -> HeldTemperatures:
+    """Temperatures of springs in the periodic state of a schedule."""
+    on = scale_by_shares(on_fractions(schedule.pulses(), schedule.period_s), power_shares(rig, springs))
+    history = run_until_periodic(on, schedule.period_s / len(on), springs, rig.limits.max_temperature_c)
     temperature = history.temperature
-    return Held(float(temperature.min()), float(temperature.max()), float(1 - history.martensite.max()))
+    return HeldTemperatures(
+        float(temperature.min()), float(temperature.max()), float(1 - history.martensite.max())
+    )
 
 
-def describe(schedule: ActuationSchedule, rig: Rig) -> str:
-    """How warm springs are held, in one sentence."""
-    usual, coldest = (held(schedule, rig, p) for p in (rig.spring_parameters(), coldest_springs(rig)))
+def describe_hold(schedule: ActuationSchedule, rig: Rig) -> str:
+    """A sentence on the held temperatures."""
+    usual, coldest = (
+        hold_temperatures(schedule, rig, p) for p in (rig.spring_parameters(), coldest_springs(rig))
+    )
     return (
-        f"springs are held at {usual.least_c:.0f} to {usual.most_c:.0f} C and {usual.stroke:.0%} of their "
-        f"stroke; at most {schedule.predicted.peak_c:.0f} C, and at least {coldest.least_c:.0f} C, in the "
+        f"springs are held at {usual.min_c:.0f} to {usual.max_c:.0f} C and {usual.stroke:.0%} of their "
+        f"stroke; at most {schedule.predicted.peak_c:.0f} C, and at least {coldest.min_c:.0f} C, in the "
         "corners of the rig file's tolerances"
     )

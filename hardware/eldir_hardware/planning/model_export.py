@@ -16,13 +16,13 @@ from eldir_cad.geometry.assembly import assemble
 from eldir_cad.kit.printer import Printer
 from eldir_cad.kit.specification import Specification
 from eldir_cad.multibody.hubs import hub_shapes
-from eldir_cad.multibody.mjcf import mjcf
-from eldir_cad.multibody.model import Multibody, multibody
+from eldir_cad.multibody.mjcf import mjcf_text
+from eldir_cad.multibody.model import Multibody, build_multibody
 from eldir_hardware.schedule import ActuationSchedule
 
-INTERVAL = 0.05
-"""Between two rows of the table of a schedule [s]."""
-_RUNNER = Path(__file__).with_name("model_runner.txt")
+ROW_INTERVAL = 0.05
+"""Time between two rows of the table of a schedule [s]."""
+_RUNNER_TEMPLATE = Path(__file__).with_name("model_runner.txt")
 
 
 def export_robot(
@@ -44,30 +44,30 @@ def export_robot(
     folder = stem.with_name(f"{stem.name}-parts")
     table, runner = stem.with_name(f"{stem.name}-schedule.csv"), stem.with_name(f"{stem.name}-run.py")
     require_new(out, folder, *((table, runner) if schedule else ()))
-    model = multibody(body, spec, printer, ballast=design.ballast)
+    model = build_multibody(body, spec, printer, ballast=design.ballast)
     rows = None if schedule is None else _table(model, schedule, springs or SpringParameters())
     shapes = hub_shapes(assemble(body, spec))
     with new_folder(folder) as draft:
         for hub, data in shapes.items():
             write_bytes(draft / f"hub_{hub:02d}.stl", data)
     names = {hub: f"{folder.name}/hub_{hub:02d}.stl" for hub in shapes}
-    write_text(out, mjcf(model, stem.name, names))
+    write_text(out, mjcf_text(model, stem.name, names))
     if rows is None:
         return [out, folder]
     write_text(table, rows)
-    write_text(runner, _RUNNER.read_text().replace("ROBOT", stem.name))
+    write_text(runner, _RUNNER_TEMPLATE.read_text().replace("ROBOT", stem.name))
     return [out, table, runner, folder]
 
 
-def free_lengths_of(schedule: ActuationSchedule, springs: SpringParameters, motors: int) -> FloatArray:
-    """Free lengths of the active springs between centres at instants 0, `INTERVAL`, ... [m], shape
+def free_lengths(schedule: ActuationSchedule, springs: SpringParameters, motors: int) -> FloatArray:
+    """Free lengths of the active springs between centres at instants 0, `ROW_INTERVAL`, ... [m], shape
     (K + 1, A). They follow the mean of both faces."""
-    channels, states = schedule.sampled(INTERVAL)
+    channels, states = schedule.sampled(ROW_INTERVAL)
     motor_of = {event.channel: event.spring for event in schedule.events}
     heated = 1 + max(motor_of.values(), default=-1)
     require_value("number of springs that the schedule heats", heated <= motors, f"at most {motors}", heated)
     cold = SpringState.cold(len(channels), springs)
-    each = heat(states.astype(float), INTERVAL, [springs] * len(channels), cold).length
+    each = heat(states.astype(float), ROW_INTERVAL, [springs] * len(channels), cold).length
     lengths = np.full((len(states) + 1, motors), springs.cold_length)
     for motor in range(motors):
         own = [column for column, channel in enumerate(channels) if motor_of[channel] == motor]
@@ -78,8 +78,8 @@ def free_lengths_of(schedule: ActuationSchedule, springs: SpringParameters, moto
 
 def _table(model: Multibody, schedule: ActuationSchedule, springs: SpringParameters) -> str:
     coils = range(len(model.coils))
-    free = free_lengths_of(schedule, springs, len(coils))
+    free = free_lengths(schedule, springs, len(coils))
     lengths, stiffness = model.coil_commands(free, (springs.cold_length, springs.hot_length))
     names = ["t_s", *(f"coil_{i}_length_m" for i in coils), *(f"coil_{i}_n_per_m" for i in coils)]
-    rows = np.hstack([INTERVAL * np.arange(len(free))[:, None], lengths, stiffness]).tolist()
+    rows = np.hstack([ROW_INTERVAL * np.arange(len(free))[:, None], lengths, stiffness]).tolist()
     return "\n".join([",".join(names), *(",".join(f"{v:.9g}" for v in row) for row in rows)]) + "\n"

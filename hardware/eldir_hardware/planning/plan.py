@@ -5,79 +5,94 @@ The rig gives the limits, `eldir.built.gait_search` finds the gait, the compiler
 
 from __future__ import annotations
 
-from dataclasses import replace
+import math
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
 
 from eldir.built.gait import CYCLES, Gait
-from eldir.built.gait_search import FoundGaits, HeatingLimits, Stage, find_gait, silent
-from eldir.built.heat import HeatModel, SpringState
+from eldir.built.gait_search import GaitSearchResult, HeatingLimits, Stage, find_gait, silent
+from eldir.built.heat import HeatModel, SpringState, heating_time
 from eldir.built.samples import SampledWalks
-from eldir.built.scene import BuiltScene
+from eldir.built.scene import PrintedScene
 from eldir.built.screening import candidate_gaits
 from eldir.core.version import __version__
 from eldir.design import Design
 from eldir.parameters.springs import SpringParameters
 from eldir_hardware.planning.compiler import compile_schedule
-from eldir_hardware.planning.heat_preview import predicted_cycle
-from eldir_hardware.planning.timing import own_timing
+from eldir_hardware.planning.heat_prediction import predict_cycle
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.supply import LimitError
+from eldir_hardware.safety.compatibility import with_digests
+from eldir_hardware.safety.limits import DUTY_WINDOW, check_heat, max_pulse
 from eldir_hardware.safety.margins import heat_margins
-from eldir_hardware.safety.schedule_digests import with_digests
-from eldir_hardware.schedule import ActuationSchedule
-from eldir_hardware.schedule_prediction import PredictedWalk
+from eldir_hardware.schedule import ActuationSchedule, PredictedWalk, Pulse
 
 MAX_PERIOD_S = 120.0
 """Longest period of a gait that is searched [s]."""
 
 
+@dataclass(frozen=True)
+class PlanConfig:
+    """Options of the search for a gait and of its schedule."""
+
+    imitate: bool = False
+    """Whether to try the gait of the simulated robot, too."""
+    seed: int = 0
+    """Random seed of the sampled robots; the same seed gives the same bytes."""
+    samples: int = 16
+    """Number of robots for which each walk is predicted, over five cycles."""
+    cycles: int = CYCLES
+    """Number of cycles of the schedule that count."""
+    design_file: str = "design.json"
+    """Path from the schedule to the design, from which a virtual rig loads its robot."""
+    scene: PrintedScene | None = None
+    """Scene identified from films, for whose robots gaits are searched and predicted."""
+
+
 def plan(
     design: Design,
     rig: Rig,
-    *,
-    imitate: bool = False,
-    seed: int = 0,
-    samples: int = 16,
-    cycles: int = CYCLES,
-    design_file: str = "design.json",
-    scene: BuiltScene | None = None,
-    stage: Stage = silent,
+    config: PlanConfig = PlanConfig(),  # frozen
+    on_stage: Stage = silent,
 ) -> ActuationSchedule:
-    """The schedule of a design on this rig, with its predicted walk; the same seed gives the same bytes.
+    """The schedule of a design on this rig, with its predicted walk.
 
-    With a `scene` from films, gaits are searched and predicted for robots sampled from it. A filmed gait that
-    walked is kept unless another one is better by the required margin (`eldir.built.gait_choice`). Limits of
-    heat come from the rig file alone.
-
-    `samples`: number of robots for which each walk is predicted, over five cycles. `cycles`: those of the
-    schedule that count. `design_file`: path from the schedule to the
-    design, from which a virtual rig loads its robot. `stage` is called with what is computed next. Raises
-    `InputError` if the design has more motors than the rig can heat, `LimitError` if no gait keeps the limits
-    of the rig.
+    A filmed gait that walked is kept unless another one is better by the required margin
+    (`eldir.built.gait_choice`). Heat limits come from the rig file alone. `on_stage` is called with the next
+    stage of the computation. Raises `InputError` if the design has more motors than the rig can heat,
+    `LimitError` if no gait keeps the limits of the rig.
     """
     motors = design.morphology.motors
     rig.require_motors(motors)
     limits = heating_limits(rig)
     _require_quick_springs(limits, motors)
-    found = find_gait(design, limits, imitate=imitate, seed=seed, samples=samples, scene=scene, stage=stage)
+    found = find_gait(
+        design,
+        limits,
+        imitate=config.imitate,
+        seed=config.seed,
+        samples=config.samples,
+        scene=config.scene,
+        stage=on_stage,
+    )
     schedule = compile_schedule(
         found.gait,
         rig,
         tuple(int(s) for s in np.flatnonzero(design.morphology.active)),
-        cycles,
-        {"eldir": __version__, "seed": seed, "rig": rig.name, "design": design_file},
+        config.cycles,
+        {"eldir": __version__, "seed": config.seed, "rig": rig.name, "design": config.design_file},
     )
     predicted = replace(
         schedule.predicted,
         method=found.method,
         displacement=_displacements(found),
-        cycle=predicted_cycle(schedule, rig),
+        cycle=predict_cycle(schedule, rig),
         choice=found.reason or None,
         margins=heat_margins(schedule, rig),
     )
-    return with_digests(replace(schedule, predicted=predicted), rig, design, scene)
+    return with_digests(replace(schedule, predicted=predicted), rig, design, config.scene)
 
 
 def heating_limits(rig: Rig) -> HeatingLimits:
@@ -94,13 +109,13 @@ def heating_limits(rig: Rig) -> HeatingLimits:
 
     @cache
     def timing(springs: SpringParameters, motors: int) -> tuple[float, float]:
-        return own_timing(springs, rig, motors)
+        return find_timing(springs, rig, motors)
 
     return HeatingLimits(rig.spring_parameters(), allowed, timing)
 
 
 def _require_quick_springs(limits: HeatingLimits, motors: int) -> None:
-    """Raise `LimitError` where springs need more than `MAX_PERIOD_S` to cool and the usual period is not
+    """Raise `LimitError` if springs need more than `MAX_PERIOD_S` to cool and the usual period is not
     allowed: simulating every gait would take hours."""
     springs = limits.springs
     hot = SpringState(np.array([springs.austenite_finish]), np.zeros(1))
@@ -116,7 +131,7 @@ def _require_quick_springs(limits: HeatingLimits, motors: int) -> None:
         )
 
 
-def _displacements(found: FoundGaits) -> dict[str, PredictedWalk]:
+def _displacements(found: GaitSearchResult) -> dict[str, PredictedWalk]:
     """Every gait with its predicted walk, by method."""
     walks = {name: _predicted_walk(gait, found.walks[name]) for name, gait in found.gaits.items()}
     if found.kept is not None:
@@ -138,3 +153,57 @@ def _predicted_walk(gait: Gait, walks: SampledWalks) -> PredictedWalk:
         probability_forward=walks.probability_forward,
         tie_share=round(walks.tie_share, 6) if np.isfinite(walks.tie_share) else None,
     )
+
+
+_OVERSHOOT = 2.0  # above Af when heated and below Mf when cooled, so that the transformation is complete [K]
+_DT = 0.05
+_PERIOD_FACTORS = (1.0, 1.25, 1.5)  # longer periods to try
+_MAX_COOLING = 300.0  # longest simulated cooling [s]
+
+
+def find_timing(springs: SpringParameters, rig: Rig, motors: int) -> tuple[float, float]:
+    """Period [s] and duty with which springs pass Af and are back below Mf, within the limits of the rig.
+
+    If springs would get too hot in the worst corner of the tolerances, first the pauses are lengthened, and
+    then the heating is shortened.
+    """
+    heating = min(heating_time(springs.austenite_finish + _OVERSHOOT, springs), max_pulse(rig))
+    period = _shortest_period(heating, springs, rig, motors)
+    for slower in _PERIOD_FACTORS:
+        if _is_allowed(heating, round(slower * period, 1), rig):
+            return round(slower * period, 1), heating / round(slower * period, 1)
+    short, long = 0.0, heating
+    period = round(_PERIOD_FACTORS[-1] * period, 1)
+    while long - short > _DT:
+        middle = (short + long) / 2
+        short, long = (middle, long) if _is_allowed(middle, period, rig) else (short, middle)
+    heating = short or heating  # if none is allowed, the limits refuse it later
+    return period, heating / period
+
+
+def _is_allowed(heating: float, period: float, rig: Rig) -> bool:
+    """Whether one channel that heats for `heating` [s] in every period keeps the heat limits."""
+    try:
+        check_heat([Pulse(rig.channels[0].channel, 0.0, heating)], period, rig)
+    except LimitError:
+        return False
+    return True
+
+
+def _shortest_period(heating: float, springs: SpringParameters, rig: Rig, motors: int) -> float:
+    """Shortest period in which springs cool, and all of them can be heated one after another [s]."""
+    steps = math.ceil(heating / _DT)
+    on = np.concatenate([np.ones(steps), np.zeros(round(_MAX_COOLING / _DT))])
+    temperature = HeatModel([springs]).run(on[:, None], _DT).temperature[steps:, 0]
+    goal = max(springs.martensite_finish - _OVERSHOOT, springs.ambient + 0.5)
+    cooled = np.flatnonzero(temperature < goal)
+    cooling = _DT * (cooled[0] + 1) if len(cooled) else _MAX_COOLING
+    current = float(springs.current(0.0)) * (1 + rig.tolerances.current)
+    at_once = max(1, int((rig.supply.max_total_current_a + 1e-9) // current))
+    if rig.supply.outputs == "shared":
+        at_once = 2 * motors
+    rounds = math.ceil(2 * motors / at_once)  # every motor has a spring on both faces
+    limits = rig.limits
+    pause = max(cooling, limits.min_off_s)
+    in_a_minute = max(1, int(limits.duty * DUTY_WINDOW / heating + 1e-9))  # whole pulses
+    return float(max(heating + pause, DUTY_WINDOW / in_a_minute, rounds * heating))

@@ -4,19 +4,19 @@ from eldir.errors import EldirError, HazardError
 
 
 class RelayError(EldirError):
-    """The relay board cannot be trusted. Assume that the heat is on until it is proven off."""
+    """The state of the relay board is unknown. Assume that the heat is on until it is proven off."""
 
     code = "board"
 
 
 class PortError(RelayError):
-    """The port cannot be opened or has gone."""
+    """The port cannot be opened or was lost."""
 
     code = "board.port"
 
 
 class BlockedPortError(PortError):
-    """The port does not take the bytes, or does not send them."""
+    """The port accepts no bytes, or does not transmit them."""
 
     code = "board.port-blocked"
 
@@ -34,14 +34,14 @@ class GarbledReplyError(RelayError):
 
 
 class TooManyRelaysError(GarbledReplyError, HazardError):
-    """The board answers for more relays than any board of its kind has: those would stay as they are."""
+    """The board has more relays than any board of its kind: `all_off` would not open the others."""
 
     code = "board.too-many-relays"
 
-    def __init__(self, most: int, found: str):
+    def __init__(self, max_relays: int, found: str):
         super().__init__(
             "the relay board has more relays than its kind",
-            expected=f"at most {most}",
+            expected=f"at most {max_relays}",
             found=found,
             remedy="cut the heating supply now, then check the board's kind in the rig file",
         )

@@ -1,18 +1,17 @@
 """Boards of the "A0" protocol in dialect B, which acknowledge commands: `feedback`.
 
-Command: A0, channel, operation, checksum; 02 opens, 03 closes, 05 asks, each answered by A0, channel,
-state, checksum. On boards of dialect C the operation 02 asks: the two must never be mixed up.
+Command: A0, channel, operation, checksum; 02 opens, 03 closes, 05 queries, each answered by A0, channel,
+state, checksum. In dialect C the operation 02 is the query: never mix up the two.
 """
 
 from __future__ import annotations
 
-from eldir_hardware.relay.a0 import FRAME_LENGTH, a0_frame
+from eldir_hardware.relay.a0 import FRAME_LENGTH, PerChannelQueryBoard, a0_frame
 from eldir_hardware.relay.errors import GarbledReplyError, TooManyRelaysError
-from eldir_hardware.relay.per_channel_query import PerChannelQueryBoard
 from eldir_hardware.relay.registration import Board
 
-_OPEN, _CLOSE, _ASK = 0x02, 0x03, 0x05
-_MOST = 16
+_OPEN, _CLOSE, _QUERY = 0x02, 0x03, 0x05
+_MAX_RELAYS = 16
 
 
 def parse_state(data: bytes, channel: int) -> bool:
@@ -29,33 +28,33 @@ def parse_state(data: bytes, channel: int) -> bool:
 
 
 class FeedbackBoard(PerChannelQueryBoard):
-    """One channel a frame. The board answers a command with the new state."""
+    """Each frame switches one channel, and the board answers with the new state."""
 
     answer_length = FRAME_LENGTH
 
     def _command(self, channel: int, closed: bool) -> None:
-        # Its answer counts only as proof that the board is there: states are read back after settling.
-        parse_state(self._line.ask(a0_frame(channel, _CLOSE if closed else _OPEN), FRAME_LENGTH), channel)
+        # The answer proves only that the board is connected: states are read back after settling.
+        parse_state(self._line.query(a0_frame(channel, _CLOSE if closed else _OPEN), FRAME_LENGTH), channel)
 
     def _command_all_off(self) -> None:
-        for channel in range(1, _MOST + 1):
+        for channel in range(1, _MAX_RELAYS + 1):
             written_at = self._clock.now()
             self._line.write(a0_frame(channel, _OPEN))
-            answers = not self._relays or channel <= self._relays  # which pass by
+            answers = not self._relays or channel <= self._relays  # which are not read
             self._clock.sleep_until(written_at + self._line.wire_time((1 + answers) * FRAME_LENGTH))
 
-    def _ask(self, channel: int) -> bool:
-        return parse_state(self._line.ask(a0_frame(channel, _ASK), FRAME_LENGTH), channel)
+    def _query(self, channel: int) -> bool:
+        return parse_state(self._line.query(a0_frame(channel, _QUERY), FRAME_LENGTH), channel)
 
-    def _count_others(self) -> int:
-        others = range(self.channels + 1, _MOST + 2)  # one more than there can be
-        answers = self._line.ask_each([a0_frame(channel, _ASK) for channel in others], FRAME_LENGTH)
+    def _count_unused(self) -> int:
+        unused = range(self.channels + 1, _MAX_RELAYS + 2)  # one more than any board has
+        answers = self._line.query_each([a0_frame(channel, _QUERY) for channel in unused], FRAME_LENGTH)
         for i in range(0, len(answers), FRAME_LENGTH):
-            parse_state(answers[i : i + FRAME_LENGTH], others[i // FRAME_LENGTH])
+            parse_state(answers[i : i + FRAME_LENGTH], unused[i // FRAME_LENGTH])
         count = len(answers) // FRAME_LENGTH
-        if count == len(others):
+        if count == len(unused):
             raise TooManyRelaysError(
-                _MOST, f"an answer of number {_MOST + 1}: {answers[-FRAME_LENGTH:].hex(' ')}"
+                _MAX_RELAYS, f"an answer of number {_MAX_RELAYS + 1}: {answers[-FRAME_LENGTH:].hex(' ')}"
             )
         return count
 
@@ -63,4 +62,4 @@ class FeedbackBoard(PerChannelQueryBoard):
         return self._line.wire_time(2 * FRAME_LENGTH * self.channels)
 
 
-BOARD = Board(FeedbackBoard, "eldir_hardware.emulator.feedback:EmulatedFeedback", most_channels=_MOST)
+BOARD = Board(FeedbackBoard, "eldir_hardware.emulator.a0:EmulatedFeedback", max_channels=_MAX_RELAYS)

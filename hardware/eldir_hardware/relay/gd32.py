@@ -1,22 +1,21 @@
 """GD32 boards with a CH340: the "A0" protocol in dialect C, at 115200 baud.
 
-Command: A0, channel, 00 open, 01 close or 02 ask, checksum; channel 0F is all of them. Only the
-question is answered, by `CH1:ON` or `CH1:OFF` and a line's end.
+Command: A0, channel, 00 open, 01 close or 02 query, checksum; channel 0F is all of them. Only the
+query is answered, by `CH1:ON` or `CH1:OFF` and a line's end.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
-from eldir_hardware.relay.a0 import FRAME_LENGTH, a0_frame
+from eldir_hardware.relay.a0 import FRAME_LENGTH, PerChannelQueryBoard, a0_frame
 from eldir_hardware.relay.errors import GarbledReplyError, TooManyRelaysError
-from eldir_hardware.relay.per_channel_query import PerChannelQueryBoard
 from eldir_hardware.relay.registration import Board
 
-_ALL, _ASK = 0x0F, 0x02
-_MOST = 14  # number 15 is every relay at once
-_BEYOND = 16
-_LONGEST = 10  # CH16:OFF and the line's end
+_ALL, _QUERY = 0x0F, 0x02
+_MAX_RELAYS = 14  # channel 15 addresses all relays
+_UNUSED_NUMBER = 16
+_MAX_ANSWER = 10  # CH16:OFF and the line's end
 
 
 def parse_line(data: bytes, channel: int) -> bool:
@@ -33,7 +32,7 @@ def parse_line(data: bytes, channel: int) -> bool:
 
 
 class Gd32Board(PerChannelQueryBoard):
-    """A GD32 board; its report needs one question for each channel."""
+    """A GD32 board; it needs one query for each channel."""
 
     baud = 115200
 
@@ -43,32 +42,34 @@ class Gd32Board(PerChannelQueryBoard):
     def _command_all_off(self) -> None:
         self._line.write(a0_frame(_ALL, 0))
 
-    def _alike(self, changes: Mapping[int, bool]) -> bool:
+    def _is_uniform(self, changes: Mapping[int, bool]) -> bool:
         return len(changes) == self.channels and len(set(changes.values())) == 1
 
     def _frames(self, changes: Mapping[int, bool]) -> list[tuple[int, int]]:
-        return super()._frames(changes)[: 1 if self._alike(changes) else None]
+        return super()._frames(changes)[: 1 if self._is_uniform(changes) else None]
 
     def _command_many(self, changes: Mapping[int, bool]) -> None:
-        if self._alike(changes):
+        if self._is_uniform(changes):
             self._line.write(a0_frame(_ALL, int(changes[1])))
         else:
             super()._command_many(changes)
 
-    def _ask(self, channel: int) -> bool:
-        return parse_line(self._line.ask_until(a0_frame(channel, _ASK), b"\n", _LONGEST), channel)
+    def _query(self, channel: int) -> bool:
+        return parse_line(self._line.query_until(a0_frame(channel, _QUERY), b"\n", _MAX_ANSWER), channel)
 
-    def _count_others(self) -> int:
-        others = [*range(self.channels + 1, _MOST + 1), _BEYOND]
-        lines = self._line.ask_each([a0_frame(c, _ASK) for c in others], _LONGEST).splitlines(keepends=True)
-        for channel, line in zip(others, lines, strict=False):
+    def _count_unused(self) -> int:
+        unused = [*range(self.channels + 1, _MAX_RELAYS + 1), _UNUSED_NUMBER]
+        lines = self._line.query_each([a0_frame(c, _QUERY) for c in unused], _MAX_ANSWER).splitlines(
+            keepends=True
+        )
+        for channel, line in zip(unused, lines, strict=False):
             parse_line(line, channel)
-        if len(lines) == len(others):
-            raise TooManyRelaysError(_MOST, f"an answer of number {_BEYOND}: {lines[-1]!r}")
+        if len(lines) == len(unused):
+            raise TooManyRelaysError(_MAX_RELAYS, f"an answer of number {_UNUSED_NUMBER}: {lines[-1]!r}")
         return len(lines)
 
     def _report_time(self) -> float:
-        return self._line.wire_time((FRAME_LENGTH + _LONGEST) * self.channels)
+        return self._line.wire_time((FRAME_LENGTH + _MAX_ANSWER) * self.channels)
 
 
-BOARD = Board(Gd32Board, "eldir_hardware.emulator.gd32:EmulatedGd32", most_channels=_MOST)
+BOARD = Board(Gd32Board, "eldir_hardware.emulator.a0:EmulatedGd32", max_channels=_MAX_RELAYS)

@@ -2,7 +2,7 @@
 
 Command: A0, channel, 01 on or 00 off, checksum; never acknowledged, no address for all channels.
 Report: FF is answered by ten characters a channel. The report is stale for about 50 ms, so the
-interface's settling time of 100 ms stands. Contacts stay latched when the port closes.
+interface's settling time of 100 ms stands. Contacts keep their state when the port closes.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from eldir_hardware.relay.registration import Board
 
 _QUERY = b"\xff"
 _LINE_LENGTH = 10
-_MOST = 8
+_MAX_RELAYS = 8
 _LINE = re.compile(rb"CH([1-8]): (ON |OFF)\r\n")
 
 
@@ -40,9 +40,9 @@ def parse_report(data: bytes, channels: int) -> tuple[bool, ...]:
 
 
 class LcusBoard(RelayBoard):
-    """LCUS-1, -2, -4 and -8. The length of a report tells how many relays the board has."""
+    """LCUS-1, -2, -4 and -8. The length of a report shows how many relays the board has."""
 
-    most_relays = _MOST
+    max_relays = _MAX_RELAYS
 
     def __init__(self, url: str, channels: int, clock: Clock):
         super().__init__(url, channels, clock)
@@ -53,9 +53,9 @@ class LcusBoard(RelayBoard):
 
     def _report(self) -> tuple[bool, ...]:
         if self._relays:
-            return parse_report(self._line.ask(_QUERY, self._relays * _LINE_LENGTH), self._relays)
-        # The first reports tell how many relays there are: one that was cut short must not hide the others.
-        first, second = self._glance(), self._glance()
+            return parse_report(self._line.query(_QUERY, self._relays * _LINE_LENGTH), self._relays)
+        # Two reports determine the number of relays, as a truncated one would hide some of them.
+        first, second = self._report_once(), self._report_once()
         if len(first) != len(second):
             raise GarbledReplyError(
                 "the relay board's reports differ in length",
@@ -65,15 +65,15 @@ class LcusBoard(RelayBoard):
         self._relays = len(second)
         return second
 
-    def _glance(self) -> tuple[bool, ...]:
-        least, most = (n * _LINE_LENGTH for n in (self.channels, _MOST))
-        report = self._line.ask_all(_QUERY, least, most)
-        if len(report) > most and _LINE.match(report):
-            raise TooManyRelaysError(_MOST, f"{report[most:]!r} behind them")
+    def _report_once(self) -> tuple[bool, ...]:
+        min_length, max_length = (n * _LINE_LENGTH for n in (self.channels, _MAX_RELAYS))
+        report = self._line.query_until_idle(_QUERY, min_length, max_length)
+        if len(report) > max_length and _LINE.match(report):
+            raise TooManyRelaysError(_MAX_RELAYS, f"{report[max_length:]!r} after them")
         return parse_report(report, self.channels)
 
     def _report_time(self) -> float:
         return self._line.wire_time(len(_QUERY) + (self._relays or self.channels) * _LINE_LENGTH)
 
 
-BOARD = Board(LcusBoard, "eldir_hardware.emulator.lcus:EmulatedLcus", most_channels=_MOST)
+BOARD = Board(LcusBoard, "eldir_hardware.emulator.a0:EmulatedLcus", max_channels=_MAX_RELAYS)

@@ -9,18 +9,18 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
+from eldir_hardware._serial_output import BITS_PER_BYTE
 from eldir_hardware.clock import Clock
 from eldir_hardware.relay.board import RelayBoard
 from eldir_hardware.relay.errors import GarbledReplyError, SilentBoardError, TooManyRelaysError
 from eldir_hardware.relay.registration import Board
-from eldir_hardware.serial_output import BITS_A_BYTE
 
 _UNIT = 1
 _READ_COILS, _WRITE_COIL = 0x01, 0x05
 _ON, _OFF, _ALL, _FLASH_ON = 0xFF00, 0x0000, 0x00FF, 0x0200
 _FLASH_STEP = 0.1  # [s]
 _FRAME_LENGTH = 8
-_MOST = 32  # coils that are asked for
+_MAX_COILS = 32  # coils that are queried
 
 
 def rtu_checksum(data: bytes) -> bytes:
@@ -40,7 +40,7 @@ def rtu_request(function: int, address: int, value: int) -> bytes:
 
 
 _NO_SUCH_COIL = b"\x01\x81\x02" + rtu_checksum(b"\x01\x81\x02")
-"""Answer to a question for more coils than there are: exception 2."""
+"""Answer to a query for more coils than the board has: exception 2."""
 
 
 def parse_rtu_coils(data: bytes, channels: int) -> tuple[bool, ...]:
@@ -64,7 +64,7 @@ class ModbusBoard(RelayBoard):
     settling = 0.05
     times_pulses = True
     command_length = answer_length = _FRAME_LENGTH
-    closing_apart = 2 * _FRAME_LENGTH * BITS_A_BYTE / RelayBoard.baud
+    closing_interval = 2 * _FRAME_LENGTH * BITS_PER_BYTE / RelayBoard.baud
 
     def __init__(self, url: str, channels: int, clock: Clock):
         super().__init__(url, channels, clock)
@@ -76,57 +76,57 @@ class ModbusBoard(RelayBoard):
     def _pulse(self, channel: int, seconds: float) -> None:
         self._write(_FLASH_ON + channel - 1, math.ceil(seconds / _FLASH_STEP - 1e-6))
 
-    def _ends_all(self, changes: Mapping[int, bool]) -> bool:
+    def _opens_all(self, changes: Mapping[int, bool]) -> bool:
         # One frame for several coils (0F) might stop the timers of those that stay closed.
-        return len(changes) > 1 and not any((self._wanted | dict(changes)).values())
+        return len(changes) > 1 and not any((self._commanded | dict(changes)).values())
 
     def _frames(self, changes: Mapping[int, bool]) -> list[tuple[int, int]]:
         opening = {c: closed for c, closed in changes.items() if not closed}
-        alone = len(changes) - len(opening) + (1 if self._ends_all(opening) else len(opening))
+        alone = len(changes) - len(opening) + (1 if self._opens_all(opening) else len(opening))
         return [(self.command_length, self.answer_length)] * alone
 
     def _command_many(self, changes: Mapping[int, bool]) -> None:
-        if self._ends_all(changes):
+        if self._opens_all(changes):
             self._write(_ALL, _OFF)
         else:
             super()._command_many(changes)
 
     def _command_all_off(self) -> None:
-        self._line.write(rtu_request(_WRITE_COIL, _ALL, _OFF))  # its echo passes by
+        self._line.write(rtu_request(_WRITE_COIL, _ALL, _OFF))  # its echo is not read
 
     def _write(self, address: int, value: int) -> None:
         request = rtu_request(_WRITE_COIL, address, value)
-        answer = self._line.ask(request, _FRAME_LENGTH)
+        answer = self._line.query(request, _FRAME_LENGTH)
         if answer != request:
             raise GarbledReplyError(
                 "the relay board did not confirm a command", expected=request.hex(" "), found=answer.hex(" ")
             )
 
     def _report(self) -> tuple[bool, ...]:
-        coils = self._coils or self._count()
+        coils = self._coils or self._count_coils()
         states = self._read(coils)
-        self._coils = coils  # believed when the line still answers after counting
+        self._coils = coils  # kept only if the board still answers after the counting
         return states
 
     def _read(self, coils: int) -> tuple[bool, ...]:
-        answer = self._line.ask(rtu_request(_READ_COILS, 0, coils), _report_length(coils))
+        answer = self._line.query(rtu_request(_READ_COILS, 0, coils), _report_length(coils))
         return parse_rtu_coils(answer, coils)
 
-    def _count(self) -> int:
-        """The board's coils, in eights: the largest number that it reports."""
+    def _count_coils(self) -> int:
+        """The largest number of coils, a multiple of eight, that the board reports."""
         coils = _coils_for(self.channels)
         self._read(coils)
-        while self._has(coils + 8):
+        while self._has_coils(coils + 8):
             coils += 8
-            if coils > _MOST:
-                raise TooManyRelaysError(_MOST, f"states of {coils}")
+            if coils > _MAX_COILS:
+                raise TooManyRelaysError(_MAX_COILS, f"states of {coils}")
         return coils
 
-    def _has(self, coils: int) -> bool:
+    def _has_coils(self, coils: int) -> bool:
         request, length = rtu_request(_READ_COILS, 0, coils), _report_length(coils)
-        for _ in range(2):  # one lost answer must not hide the other relays
+        for _ in range(2):  # a lost answer must not hide relays
             try:
-                answer = self._line.ask_all(request, 1, length)
+                answer = self._line.query_until_idle(request, 1, length)
             except SilentBoardError:
                 continue
             if answer == _NO_SUCH_COIL:
@@ -140,7 +140,7 @@ class ModbusBoard(RelayBoard):
 
 
 def _coils_for(channels: int) -> int:
-    """Coils are read in eights: the vendor documents no other number, and some boards answer no other."""
+    """Coils are read in multiples of eight: some boards answer nothing else."""
     return 8 * math.ceil(channels / 8)
 
 

@@ -31,22 +31,27 @@ class Board:
     """Opened with port, number of channels and clock."""
     emulator: str
     """Class of the emulated board, as "package.module:Class"; imported only where one is emulated."""
-    most_channels: int = 16
-    """Relays that the largest board of this kind has."""
+    max_channels: int = 16
+    """Number of relays of the largest board of this kind."""
 
 
-def kinds() -> tuple[str, ...]:
-    """The kinds of board that are installed, sorted by name."""
-    return tuple(sorted(_found(tuple(sys.path))))
+def installed_kinds() -> tuple[str, ...]:
+    """The installed kinds of relay board, sorted by name."""
+    return tuple(sorted(_entry_points(tuple(sys.path))))
 
 
-def board_of(kind: str) -> Board:
-    """The board of that kind. Raises `InputError` with the installed kinds where there is none."""
+def kinds_text() -> str:
+    """The installed kinds as a command's help lists them: "feedback | gd32 | ..."."""
+    return " | ".join(installed_kinds())
+
+
+def get_board(kind: str) -> Board:
+    """The board of that kind. Raises `InputError` with the installed kinds for an unknown one."""
     remedy = "correct the kind, or install the package that provides this board"
-    if not kinds():
-        remedy = "install eldir again: its installed list of boards is older than its code"
-    require_known("kind of relay board", kind, kinds(), remedy)
-    point = _found(tuple(sys.path))[kind]
+    if not installed_kinds():
+        remedy = "install eldir again: its list of boards is older than its code"
+    require_known("kind of relay board", kind, installed_kinds(), remedy)
+    point = _entry_points(tuple(sys.path))[kind]
     try:
         board = point.load()
     except (Exception, SystemExit) as error:  # another package's code runs here
@@ -58,9 +63,9 @@ def board_of(kind: str) -> Board:
         ) from None
     if not isinstance(board, Board):
         raise InputError(
-            f"the relay board {kind} is registered wrongly",
+            f"invalid registration of the relay board {kind}",
             code="package.broken",
-            expected=f"{point.value} to be a eldir_hardware.relay.registration.Board",
+            expected=f"{point.value} to be an `eldir_hardware.relay.registration.Board`",
             found=type(board).__name__,
             remedy="repair or remove the package that provides it",
         )
@@ -68,12 +73,12 @@ def board_of(kind: str) -> Board:
 
 
 @lru_cache(maxsize=4)
-def _found(path: tuple[str, ...]) -> dict[str, EntryPoint]:
-    """Entry points by name; `path` is the import path that they were looked for on.
+def _entry_points(path: tuple[str, ...]) -> dict[str, EntryPoint]:
+    """Entry points by name; `path` is the import path on which they were searched.
 
-    No package can replace a board of this one: `eldir rig off` must reach the board that the rig file names.
+    Another package cannot replace a board of eldir: `eldir rig off` must reach the board of the rig file.
     """
-    ours_last = sorted(
+    sorted_points = sorted(
         entry_points(group=GROUP), key=lambda point: point.value.startswith("eldir_hardware.relay.")
     )
-    return {point.name: point for point in ours_last}
+    return {point.name: point for point in sorted_points}

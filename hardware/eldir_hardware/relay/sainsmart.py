@@ -4,7 +4,7 @@ A frame is a colon, hexadecimal bytes, their checksum (LRC: all bytes of a frame
 line's end. Every request is answered, one that switches a single coil by its echo.
 
 The vendor's table of frames has wrong checksums for three frames of channels 15 and 16, and an answer
-to `read coils` of an odd length. This driver follows the standard; no board was there to try.
+to `read coils` of an odd length. This driver follows the standard; it was not tried on a board.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ _READ_COILS, _WRITE_COIL, _WRITE_COILS = 0x01, 0x05, 0x0F
 _COILS = 16
 _ALL = bytes((_WRITE_COILS, 0, 0, 0, _COILS))
 _END = b"\n"
-_LONGEST = 32  # characters of any answer
-_MASK = 23  # characters of a command for all coils
-_REPORT = 17 + 15  # characters of a question and its answer
+_MAX_ANSWER = 32  # characters of any answer
+_MASK_LENGTH = 23  # characters of a command for all coils
+_REPORT_LENGTH = 17 + 15  # characters of a query and its answer
 
 
 def ascii_request(*body: int) -> bytes:
@@ -60,31 +60,31 @@ class SainSmartBoard(MaskBoard):
     command_length = answer_length = 17
 
     def _mask_length(self) -> int:
-        return _MASK
+        return _MASK_LENGTH
 
     def _command(self, channel: int, closed: bool) -> None:
         request = ascii_request(_WRITE_COIL, 0, channel - 1, 0xFF if closed else 0, 0)
-        answer = self._line.ask_until(request, _END, _LONGEST)
+        answer = self._line.query_until(request, _END, _MAX_ANSWER)
         if answer != request:
             raise GarbledReplyError(
                 "the relay board did not confirm a command", expected=repr(request), found=repr(answer)
             )
 
     def _command_all_off(self) -> None:
-        self._line.write(_all_coils(0))  # its answer passes by
+        self._line.write(_all_coils(0))  # its answer is not read
 
     def _command_mask(self, mask: int) -> None:
         request = _all_coils(mask)
-        answer = self._line.ask_until(request, _END, _LONGEST)
+        answer = self._line.query_until(request, _END, _MAX_ANSWER)
         if answer != request:  # public drivers expect the whole frame back, the standard its first half
             parse_ascii_answer(answer, _ALL, 7)
 
     def _report(self) -> tuple[bool, ...]:
-        answer = self._line.ask_until(ascii_request(_READ_COILS, 0, 0, 0, _COILS), _END, _LONGEST)
+        answer = self._line.query_until(ascii_request(_READ_COILS, 0, 0, 0, _COILS), _END, _MAX_ANSWER)
         return parse_ascii_coils(answer, _COILS)
 
     def _report_time(self) -> float:
-        return self._line.wire_time(_REPORT)
+        return self._line.wire_time(_REPORT_LENGTH)
 
 
 def _all_coils(mask: int) -> bytes:

@@ -1,4 +1,4 @@
-"""The rig as described by its file: board, channels, supply, springs, camera; and who holds its port.
+"""The rig file: board, channels, supply, springs, camera; and which process holds the board's port.
 
 Nothing is switched here.
 """

@@ -18,14 +18,14 @@ from pydantic import (
 
 from eldir.core.arguments import require_value
 from eldir.core.files import read_file
-from eldir.core.validation import Section, validated
+from eldir.core.validation import Section, validate
 from eldir.errors import InputError
-from eldir.parameters.springs import SpringParameters
-from eldir.parameters.still_air import wire_coefficient
+from eldir.parameters.springs import SpringParameters, wire_heat_transfer_coefficient
 from eldir.parameters.wiring import Connection
-from eldir_hardware.markers.registration import DEFAULT, require_kind
-from eldir_hardware.rig.addresses import checked, hidden, hide_addresses, hide_password
-from eldir_hardware.rig.renamed import require_present_names, with_present_names
+from eldir_hardware.current_sensor import CHIPS
+from eldir_hardware.markers.registration import DEFAULT_KIND, require_kind
+from eldir_hardware.rig._addresses import hide_address, hide_addresses, hide_password, validate_addresses
+from eldir_hardware.rig._renamed_keys import require_current_names, with_current_names
 from eldir_hardware.rig.sections import (
     BoardEntry,
     ContactorEntry,
@@ -41,12 +41,11 @@ from eldir_hardware.rig.sections import (
     VirtualCameraEntry,
     VirtualEntry,
 )
-from eldir_hardware.sensor.chips import CHIPS
 
 FORMAT = "eldir-rig/1"
 _NO_LIMIT = 1e6  # [A]; the wire's resistance limits the current then
-_HEADROOM = 1.25  # a current beyond the limit must still be measured, not only seen as too large
-_LEAST_PART = 0.1  # of the supply's limit, which must be told from no current
+_HEADROOM = 1.25  # currents beyond the limit are measured up to this factor
+_MIN_PART = 0.1  # part of the supply's limit that must be distinguished from zero
 
 
 def _installed_marker(kind: str) -> str:
@@ -92,31 +91,33 @@ class Rig(Section):
     copy of its calibration files."""
     marker: Annotated[
         str, AfterValidator(_installed_marker), Field(examples=["apriltag", "aruco", "discs"])
-    ] = DEFAULT
+    ] = DEFAULT_KIND
     """Kind of the markers on m1 to m5, an entry point of the group `eldir.markers`: coloured discs, ArUco
     squares or AprilTags; print them with `eldir markers`. `eldir track`, the report, the live page, the ROS
     node and the virtual camera use it."""
     virtual: VirtualEntry = VirtualEntry()
     """The simulated robot and its clock."""
-    notify: Annotated[tuple[SecretStr, ...], BeforeValidator(checked)] = ()
-    """Addresses, as apprise writes them, to which a word is sent when a run ends or its camera is lost; at
-    most eight."""
+    notify: Annotated[tuple[SecretStr, ...], BeforeValidator(validate_addresses)] = ()
+    """Addresses in the form of apprise to which a notification is sent when a run ends or its camera is lost;
+    at most eight."""
     _source: bytes = PrivateAttr(b"")
 
     @field_serializer("notify", when_used="json")
     def _hide(self, addresses: tuple[SecretStr, ...]) -> list[str]:
-        return [hidden(address.get_secret_value()) for address in addresses]
+        return [hide_address(address.get_secret_value()) for address in addresses]
 
     @model_validator(mode="after")
     def _consistent(self) -> Rig:
         numbers = [c.channel for c in self.channels]
         if len(set(numbers)) != len(numbers):
-            raise ValueError("a relay channel is used twice")
+            raise ValueError("channels: expected each relay channel once")
         numbers += [c for c in (self.fan_channel, self.master_channel) if c is not None]
         if len(set(numbers)) != len(numbers):
-            raise ValueError("the channel of the fan or the contactor heats a spring too")
+            raise ValueError("the channel of the fan or the contactor also heats a spring")
         if max(numbers) > self.board.channels:
-            raise ValueError(f"channel {max(numbers)} is beyond the board's {self.board.channels}")
+            raise ValueError(
+                f"channel {max(numbers)} does not exist: the board has {self.board.channels} channels"
+            )
         places = [(c.spring, c.face) for c in self.channels]
         if len(set(places)) != len(places):
             raise ValueError("two channels heat the same spring of the same face")
@@ -128,7 +129,7 @@ class Rig(Section):
         if self.kind == "real" and self.board.port is None:
             raise ValueError("a real board needs its port")
         if self.camera is not None and (self.kind == "real") != (self.camera.kind == "live"):
-            raise ValueError(f"a {self.camera.kind} camera does not see a {self.kind} rig")
+            raise ValueError(f"a {self.kind} rig cannot have a {self.camera.kind} camera")
         if self.sensor is not None:
             self._require_consistent_sensor(self.sensor)
         return self
@@ -139,7 +140,7 @@ class Rig(Section):
             raise ValueError("sensor.channels: each must be one of the channels that heat springs, once")
         if self.kind == "real" and sensor.port in (None, self.board.port):
             raise ValueError("a real current sensor needs a port of its own: sensor.port")
-        if problem := _sensor_problem(sensor, self.supply, self.springs):
+        if problem := _find_sensor_problem(sensor, self.supply, self.springs):
             raise ValueError(problem)
 
     @property
@@ -182,7 +183,7 @@ class Rig(Section):
             "number of motors", motors <= self.motors, f"at most {self.motors} on this rig", motors, remedy
         )
 
-    def channel_of(self, spring: int, face: str) -> int | None:
+    def find_channel(self, spring: int, face: str) -> int | None:
         """The relay channel that heats a spring on a face."""
         for entry in self.channels:
             if (entry.spring, entry.face) == (spring, face):
@@ -192,7 +193,7 @@ class Rig(Section):
     def spring_parameters(self, *, fan: bool | None = None) -> SpringParameters:
         """The nominal springs on this supply. A missing resistance is computed from the wire.
 
-        `fan` says whether it blows; as the rig is equipped where not given.
+        `fan`: whether it runs; default: whether the rig has one.
         """
         s = self.springs
         parameters = SpringParameters(
@@ -204,7 +205,7 @@ class Rig(Section):
             lead_resistance=self.supply.lead_resistance_ohm,
             convection_fan=s.convection_fan,
             convection_still=s.convection_still
-            or wire_coefficient(1e-3 * s.wire_diameter_mm, s.austenite_finish_c, s.ambient_c),
+            or wire_heat_transfer_coefficient(1e-3 * s.wire_diameter_mm, s.austenite_finish_c, s.ambient_c),
             fan=self.fan is not None if fan is None else fan,
             ambient=s.ambient_c,
             cold_length=1e-3 * s.cold_length_mm,
@@ -220,9 +221,8 @@ class Rig(Section):
 
     @property
     def source(self) -> bytes:
-        """The entries of the rig file that was loaded, written anew for logs: no comment, which may hold
-        anything, no address of `notify` and no password of a camera. Loaded again it is the same rig, with
-        the same `digest`."""
+        """The entries of the loaded rig file for logs, without comments, addresses of `notify` and passwords
+        of cameras. It can be loaded as the same rig, with the same `digest`."""
         return self._source or self._written()
 
     def _written(self) -> bytes:
@@ -236,7 +236,7 @@ class Rig(Section):
     @classmethod
     def upgrade(cls, values: dict[str, Any]) -> dict[str, Any]:
         """The entries of a log of 0.1.0 by their present names."""
-        return with_present_names(values)
+        return with_current_names(values)
 
     @property
     def digest(self) -> str:
@@ -245,11 +245,11 @@ class Rig(Section):
 
     @classmethod
     def load(cls, path: Path | str) -> Rig:
-        """Read a rig file, once. Raises `InputError` that names the wrong entry."""
-        from eldir.core.yaml_files import LARGEST, parse_yaml  # the guardian starts without
+        """Read a rig file. Raises `InputError` with the name of an invalid entry."""
+        from eldir.core.yaml_files import MAX_YAML_BYTES, parse_yaml  # the guardian starts without
 
         path = Path(path)
-        data = read_file(path, LARGEST, f"write one: eldir rig new --board virtual --out {path}")
+        data = read_file(path, MAX_YAML_BYTES, f"write one: eldir rig new --board virtual --out {path}")
         try:
             values = parse_yaml(data, str(path))
             found = values.get("format") if isinstance(values, dict) else None
@@ -260,29 +260,28 @@ class Rig(Section):
                     expected=f"format: {FORMAT}",
                     found=repr(found),
                 )
-            require_present_names(values, str(path))
-            rig = validated(cls, values, str(path), remedy="see docs/reference/rig.md")
-        except InputError as error:  # it may quote what stands in the wrong place
+            require_current_names(values, str(path))
+            rig = validate(cls, values, str(path), remedy="see docs/reference/rig.md")
+        except InputError as error:  # its message may quote an address
             raise InputError(hide_addresses(str(error)), code=error.code, key=error.key) from None
         rig._source = rig._written()
         return rig
 
 
-def _sensor_problem(sensor: SensorEntry, supply: SupplyEntry, springs: SpringEntry) -> str | None:
-    """Why the sensor's chips and shunts do not fit the rig's currents and voltages; None where they do."""
+def _find_sensor_problem(sensor: SensorEntry, supply: SupplyEntry, springs: SpringEntry) -> str | None:
+    """Why the sensor's chips and shunts do not fit the rig's currents and voltages; None if they do."""
     chip, limit = CHIPS[sensor.kind], supply.current_limit_a
-    if supply.voltage_v > chip.most_volts:
-        return (
-            f"sensor: {sensor.kind} inputs stand {chip.most_volts:g} V, the supply has {supply.voltage_v:g} V"
-        )
+    if supply.voltage_v > chip.max_voltage:
+        expected = f"at most {chip.max_voltage:g} V for the inputs of {sensor.kind}"
+        return f"supply.voltage_v is too high: expected {expected}, found {supply.voltage_v:g} V"
     if springs.resistance_tolerance > sensor.resistance_tolerance:
         return "sensor.resistance_tolerance is smaller than springs.resistance_tolerance"
     if limit is None:
-        return None  # such a rig does not arm
-    if chip.full_scale(sensor.shunt_ohm) < _HEADROOM * limit:
-        largest = chip.full_scale(1.0) / (_HEADROOM * limit)
+        return None  # the rig does not arm then
+    if chip.full_scale_current(sensor.shunt_ohm) < _HEADROOM * limit:
+        largest = chip.full_scale_current(1.0) / (_HEADROOM * limit)
         return f"sensor.shunt_ohm is too large for {limit:g} A: expected at most {largest:.3g} Ohm"
-    smallest = chip.smallest_shunt(_LEAST_PART * limit)
+    smallest = chip.min_shunt(_MIN_PART * limit)
     if sensor.shunt_ohm < smallest:
         return f"sensor.shunt_ohm is too small for {limit:g} A: expected at least {smallest:.3g} Ohm"
     return None

@@ -1,7 +1,7 @@
-"""Which process holds a port. The kernel tells it: no file says who drives.
+"""Which process holds a port, as the kernel shows it: there is no file of who drives.
 
 One process at a time drives a port: it holds the kernel's `flock` on the device node itself, which pyserial
-takes when it opens the port. It works across users, ends with the process, and cannot be faked without
+takes when it opens the port. It works across users, ends with the process, and cannot be held without
 opening the device. Emulators and other programs may have the device open without it: they do not drive.
 """
 
@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 from eldir_hardware.rig.board_identity import BoardIdentity, Port, locate
 
-GUARDIAN = "eldir-guardian"
+GUARDIAN_WORD = "eldir-guardian"
 """The word in a guardian's command line before its socket, device, kind of board, number of channels, and the
 name by which the device was given."""
 _PROC = Path("/proc")
@@ -28,11 +28,11 @@ class Holder(NamedTuple):
     process: int
     user: int | None
     """Number of its user."""
-    stopped: bool
-    """Whether it is suspended, as by SIGSTOP: it cannot react."""
+    suspended: bool
+    """Whether it is suspended, as by SIGSTOP, and cannot react."""
 
 
-class Guarded(NamedTuple):
+class GuardedPort(NamedTuple):
     """A port that a guardian holds."""
 
     process: int
@@ -40,39 +40,39 @@ class Guarded(NamedTuple):
     """The device whose lock it holds, such as /dev/ttyUSB0."""
     kind: str
     channels: int
-    named: str
-    """The name by which the device was given, such as a link: it may stand for another one by now."""
+    given_name: str
+    """The name by which the device was given, such as a link; it may refer to another one now."""
     lock: str
     """As /proc/locks names it."""
 
 
-def holder_of(port: Port) -> Holder | None:
+def find_holder(port: Port) -> Holder | None:
     """The process that holds the lock of `port`, or None."""
-    device = lock_of(port)
+    device = get_lock(port)
     if device is None:
         return None
-    unproven = None
-    for process in (p for p, name in _locks() if name == device):
-        shown = _shows_lock(process, device)
-        if shown:
-            return _holder(process)
-        if shown is None:
-            unproven = unproven or _holder(process)
-        else:  # it has handed the lock to a child and ended; its number may be another process's now
-            for other in _processes():
+    unreadable = None
+    for process in (p for p, name in _read_locks() if name == device):
+        shows_lock = _shows_lock(process, device)
+        if shows_lock:
+            return _read_holder(process)
+        if shows_lock is None:
+            unreadable = unreadable or _read_holder(process)
+        else:  # it has passed the lock to a child and ended; its number may be reused
+            for other in _list_processes():
                 if _shows_lock(other, device):
-                    return _holder(other)
-    return unproven
+                    return _read_holder(other)
+    return unreadable
 
 
-def lock_of(port: Port) -> str | None:
-    """The lock of a port as /proc/locks names it; None where it is not connected and no program holds it."""
+def get_lock(port: Port) -> str | None:
+    """The lock of a port as /proc/locks names it; None if it is not connected and no program holds it."""
     if isinstance(port, BoardIdentity):
         if port.lock is not None:
             return port.lock
         port = locate(port) or ""
     try:
-        return _kernel_name(os.stat(port))
+        return _lock_name(os.stat(port))
     except OSError:
         return None
 
@@ -88,7 +88,7 @@ def signal_holder(port: Port, process: int, number: signal.Signals) -> bool:
     except ProcessLookupError:
         return False
     try:
-        device = lock_of(port)
+        device = get_lock(port)
         if device is None or not _shows_lock(process, device):
             return False
         signal.pidfd_send_signal(handle, number)
@@ -99,32 +99,32 @@ def signal_holder(port: Port, process: int, number: signal.Signals) -> bool:
     return True
 
 
-def guarded_ports() -> list[Guarded]:
+def list_guarded_ports() -> list[GuardedPort]:
     """Ports that guardians hold now, of all users whose processes can be seen.
 
-    The lock tells which device it is: a guardian's own words prove nothing, and the name by which its port
-    was given may be a link that was moved.
+    The lock identifies the device, not the command line of a guardian, whose port may be a link that was
+    moved.
     """
     found = []
-    for process, lock in _locks():
+    for process, lock in _read_locks():
         with suppress(OSError, ValueError, IndexError):
             words = (_PROC / str(process) / "cmdline").read_bytes().decode(errors="replace").split("\0")
-            place = words.index(GUARDIAN)
-            port, kind, channels, named = words[place + 2 : place + 6]
-            if lock == lock_of(port) or lock == _lock_of_unplugged(process, port):
-                found.append(Guarded(process, port, kind, int(channels), named, lock))
+            place = words.index(GUARDIAN_WORD)
+            port, kind, channels, given_name = words[place + 2 : place + 6]
+            if lock == get_lock(port) or lock == _lock_of_unplugged(process, port):
+                found.append(GuardedPort(process, port, kind, int(channels), given_name, lock))
     return found
 
 
 def _lock_of_unplugged(process: int, port: str) -> str | None:
-    """The lock that a process holds on a port whose name has gone since."""
+    """The lock of a process on a port that was unplugged."""
     for file in (_PROC / str(process) / "fd").iterdir():
         if os.readlink(file) == f"{port} (deleted)":
-            return _kernel_name(file.stat())
+            return _lock_name(file.stat())
     return None
 
 
-def _locks() -> Iterator[tuple[int, str]]:
+def _read_locks() -> Iterator[tuple[int, str]]:
     """Process and device of every exclusive flock, such as (1234, "00:1a:4")."""
     with suppress(OSError):
         for line in (_PROC / "locks").read_text().splitlines():
@@ -133,7 +133,7 @@ def _locks() -> Iterator[tuple[int, str]]:
                     yield int(process), device
 
 
-def _kernel_name(status: os.stat_result) -> str:
+def _lock_name(status: os.stat_result) -> str:
     """A file as /proc/locks names it: device of its file system, inode."""
     return f"{os.major(status.st_dev):02x}:{os.minor(status.st_dev):02x}:{status.st_ino}"
 
@@ -155,14 +155,14 @@ def _shows_lock(process: int, device: str) -> bool | None:
     return False
 
 
-def _processes() -> Iterator[int]:
+def _list_processes() -> Iterator[int]:
     return (int(p.name) for p in _PROC.iterdir() if p.name.isdigit())
 
 
-def _holder(process: int) -> Holder:
-    user, stopped = None, False
+def _read_holder(process: int) -> Holder:
+    user, suspended = None, False
     with suppress(OSError, IndexError):
         user = (_PROC / str(process)).stat().st_uid
         state = (_PROC / str(process) / "stat").read_text().rpartition(")")[2].split()[0]
-        stopped = state in "Tt"
-    return Holder(process, user, stopped)
+        suspended = state in "Tt"
+    return Holder(process, user, suspended)

@@ -12,31 +12,31 @@ from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from eldir.core.validation import Section
 from eldir.errors import InputError
-from eldir_hardware.relay.registration import board_of
-from eldir_hardware.rig.board_hints import port_problem
-from eldir_hardware.rig.camera_name import is_camera
-from eldir_hardware.sensor.chips import CHIPS
+from eldir_hardware.current_sensor import CHIPS
+from eldir_hardware.relay.registration import get_board
+from eldir_hardware.rig._addresses import is_camera
+from eldir_hardware.rig._board_hints import find_port_problem
 
-_LEAST_RESISTIVITY, _GREATEST_RESISTIVITY = 0.4e-6, 1.3e-6  # of Nitinol [Ohm m]
+_MIN_RESISTIVITY, _MAX_RESISTIVITY = 0.4e-6, 1.3e-6  # of Nitinol [Ohm m]
 # Published: 0.44e-6 (table II of PMC5687518), 0.8e-6 to 1.0e-6 (Dynalloy's sheet F1140).
 THERMAL = ("heat_capacity", "latent_heat", "convection_fan", "convection_still")
-"""Entries of `springs` that decide how hot a given heat makes a spring."""
+"""Entries of `springs` that determine the temperature of a spring with a given power."""
 Transition = Annotated[float, Field(ge=5, le=120)]
 
 
-def _local(port: str) -> str:
-    """The lock of a port, and the frames that `eldir rig off` sends, reach ports of this computer only."""
-    if problem := port_problem(port):
+def _require_local_port(port: str) -> str:
+    """Refuse ports of other computers: locks and the frames of `eldir rig off` do not reach them."""
+    if problem := find_port_problem(port):
         raise ValueError(
             f"{problem}: expected a serial port of this computer, such as /dev/serial/by-path/..."
         )
     return port
 
 
-LocalPort = Annotated[str, AfterValidator(_local)]
+LocalPort = Annotated[str, AfterValidator(_require_local_port)]
 
 
-def calibration_of(values: Mapping[str, float | None]) -> str:
+def calibration_entry(values: Mapping[str, float | None]) -> str:
     """The entry `springs.calibration` for measured thermal constants: their digest and names."""
     measured = {n: float(v) for n in THERMAL if (v := values.get(n)) is not None}
     digest = hashlib.sha256(json.dumps(measured, sort_keys=True).encode()).hexdigest()[:16]
@@ -49,7 +49,7 @@ class BoardEntry(Section):
     kind: Annotated[
         str, Field(examples=["feedback", "gd32", "lcus", "modbus", "mosfet", "numato", "sainsmart"])
     ]
-    """An installed kind, such as lcus: an entry point of the group `eldir.boards`. It is never guessed: the
+    """An installed kind, such as lcus: an entry point of the group `eldir.boards`. It is never detected: the
     same byte switches one board on and another one off."""
     port: LocalPort | None = None
     """Serial port, such as /dev/serial/by-path/...; null on a virtual rig, which has its own."""
@@ -65,14 +65,14 @@ class BoardEntry(Section):
     @classmethod
     def _installed(cls, kind: str) -> str:
         try:
-            board_of(kind)
+            get_board(kind)
         except InputError as error:
             raise ValueError(str(error)) from None
         return kind
 
     @model_validator(mode="after")
     def _large_enough(self) -> BoardEntry:
-        most = board_of(self.kind).most_channels
+        most = get_board(self.kind).max_channels
         if self.channels > most:
             raise ValueError(f"a board of kind {self.kind} has at most {most} channels")
         return self
@@ -87,7 +87,7 @@ class SupplyEntry(Section):
     """Current limit of each output [A]; without it the rig does not arm. With the fan and a timer of 6.3 s,
     springs of 0.75 mm wire allow 3.45 A."""
     outputs: Literal["each", "shared"] = "each"
-    """each: a limited output for every channel; shared: one, whose limit the heated springs share."""
+    """each: a limited output for every channel; shared: one limited output for all heated springs."""
     max_total_current_a: Annotated[float, Field(ge=0.05, le=500)]
     """Largest current of all outputs together [A]."""
     lead_resistance_ohm: Annotated[float, Field(ge=0, le=5)] = 0.05
@@ -101,7 +101,7 @@ class SpringEntry(Section):
     """Measured resistance of one spring at room temperature [Ohm]; it must fit the wire (0.4 to 1.3 uOhm m),
     and without it the rig does not arm."""
     resistance_tolerance: Annotated[float, Field(ge=0.01, le=0.5)] = 0.05
-    """Part of its resistance by which a spring may deviate; the limits are checked for the worst spring."""
+    """Relative tolerance of a spring's resistance; the limits are checked for the worst spring."""
     ambient_c: Annotated[float, Field(gt=-20, lt=45)] = 22.0
     """Expected air temperature [C]; its range is in `tolerances`."""
     wire_diameter_mm: Annotated[float, Field(ge=0.1, le=3)] = 0.75
@@ -118,7 +118,7 @@ class SpringEntry(Section):
     """Heat transfer coefficient with the fan [W/(m2 K)]."""
     convection_still: Annotated[float, Field(ge=2, le=100)] | None = None
     """Measured heat transfer coefficient in still air [W/(m2 K)]. Without it predictions use the correlation
-    for a straight wire, and limits the least that a coil can lose (`eldir.parameters.still_air`)."""
+    for a straight wire, and limits the least that a coil can lose (`eldir.parameters.springs`)."""
     heat_capacity: Annotated[float, Field(ge=300, le=1000)] = 466.0
     """Specific heat capacity [J/(kg K)]."""
     latent_heat: Annotated[float, Field(ge=0, le=40_000)] = 12_200.0
@@ -126,21 +126,21 @@ class SpringEntry(Section):
     austenite_start_c: Transition = 45.0
     """Temperature at which austenite begins to form in heating [C]."""
     austenite_finish_c: Transition = 60.0
-    """Temperature at which all is austenite in heating [C]."""
+    """Temperature at which the transformation to austenite ends in heating [C]."""
     martensite_start_c: Transition = 45.0
     """Temperature at which martensite begins to form in cooling [C]."""
     martensite_finish_c: Transition = 30.0
-    """Temperature at which all is martensite in cooling [C]."""
+    """Temperature at which the transformation to martensite ends in cooling [C]."""
     calibration: str | None = None
     """Names of the thermal constants that `eldir calibrate springs` measured, after a digest of their values,
-    which it writes. Limits take the others, and all of them after an edit, no better than the defaults."""
+    which it writes. The limits use other or edited values only if they are worse than the defaults."""
 
     @property
     def calibrated(self) -> frozenset[str]:
-        """Thermal constants whose values here are those that a calibration wrote."""
+        """Names of the thermal constants whose values a calibration wrote."""
         named = (self.calibration or "").split()[1:]
         values = {name: getattr(self, name) for name in THERMAL if name in named}
-        return frozenset(values if self.calibration == calibration_of(values) else ())
+        return frozenset(values if self.calibration == calibration_entry(values) else ())
 
     @model_validator(mode="after")
     def _plausible(self) -> SpringEntry:
@@ -155,13 +155,13 @@ class SpringEntry(Section):
         index = self.coil_diameter_mm / self.wire_diameter_mm
         if not 3 <= index <= 20:
             raise ValueError(
-                f"no spring is wound like this: coil_diameter_mm is {index:.3g} times wire_diameter_mm, "
+                f"implausible spring: coil_diameter_mm is {index:.3g} times wire_diameter_mm, "
                 "expected 3 to 20"
             )
         if self.resistance_ohm is not None:
             section = np.pi / 4 * (1e-3 * self.wire_diameter_mm) ** 2
             length = np.pi * 1e-3 * self.coil_diameter_mm * self.turns
-            least, most = (r * length / section for r in (_LEAST_RESISTIVITY, _GREATEST_RESISTIVITY))
+            least, most = (r * length / section for r in (_MIN_RESISTIVITY, _MAX_RESISTIVITY))
             if not least <= self.resistance_ohm <= most:
                 raise ValueError(
                     f"resistance_ohm {self.resistance_ohm:g} does not fit {length:.3g} m of wire of "
@@ -171,24 +171,23 @@ class SpringEntry(Section):
 
 
 class ToleranceEntry(Section):
-    """How far the bench may be from the values in this file, after measuring."""
+    """Tolerances of the bench around the measured values in this file."""
 
     current: Annotated[float, Field(ge=0.01, le=0.5)] = 0.05
-    """Part by which the current through a spring may differ."""
+    """Relative tolerance of the current through a spring."""
     ambient_min_c: Annotated[float, Field(ge=-20, le=45)] = 18.0
     """Lowest temperature of the air [C]."""
     ambient_max_c: Annotated[float, Field(ge=-20, le=60)] = 30.0
     """Highest temperature of the air [C]."""
     convection_tolerance: Annotated[float, Field(ge=0.02, le=0.9)] = 0.1
-    """Part by which a measured heat transfer coefficient may differ; 0.1 is a fifth of the air's speed."""
+    """Relative tolerance of a measured heat transfer coefficient; 0.1 is a fifth of the air's speed."""
 
 
 class FanEntry(Section):
     """The fan that cools the springs."""
 
     interlocked: bool
-    """Whether the heating supply is cut by hardware when the fan stands still; if not, limits count on still
-    air."""
+    """Whether hardware cuts the heating supply when the fan stops; if not, limits assume still air."""
     channel: Annotated[int, Field(ge=1)] | None = None
     """Relay channel that runs the fan, if any; nothing is heated while its contact is open."""
 
@@ -240,13 +239,13 @@ class SensorEntry(Section):
     shunt_ohm: Annotated[float, Field(ge=1e-4, le=1)] = 0.01
     """Resistance of each shunt [Ohm]."""
     shunt_tolerance: Annotated[float, Field(ge=0, le=0.05)] = 0.01
-    """Part of its resistance by which a shunt may deviate."""
+    """Relative tolerance of a shunt's resistance."""
     lead_ohm: Annotated[float, Field(ge=0, le=1)] = 0.0
     """Resistance of the leads, both ways, between the point where the voltage is measured and the spring
     [Ohm]."""
     resistance_tolerance: Annotated[float, Field(gt=0, le=0.5)] = 0.2
-    """A measured resistance may deviate from `springs.resistance_ohm` by this part: tolerance of the springs,
-    their phase and temperature, their clamps. Beyond it the rig stops."""
+    """Relative tolerance of a measured resistance around `springs.resistance_ohm`: springs, their phase and
+    temperature, their clamps. Beyond it the rig stops."""
 
     @field_validator("kind")
     @classmethod
@@ -301,7 +300,7 @@ class LiveCameraEntry(AnyCameraEntry):
     rate_hz: Annotated[float, Field(gt=0, le=240)] = 30.0
     """Frame rate to request from a device [Hz]; a stream sets its own."""
     tags: str | None = None
-    """File with the places of the fixed tags (eldir-tags/1); needed where there is no plane file."""
+    """File with the positions of the reference tags (eldir-tags/1); required without a plane file."""
 
     @model_validator(mode="after")
     def _requires_place(self) -> LiveCameraEntry:
@@ -315,12 +314,12 @@ class LiveCameraEntry(AnyCameraEntry):
 
 
 class VirtualEntry(Section):
-    """How the virtual rig deviates from the nominal robot, and how its time runs."""
+    """Deviations of the virtual rig from the nominal robot, its physics and its clock."""
 
     seed: Annotated[int, Field(ge=0)] = 1
     """Random seed of the deviations of springs, body and camera."""
     parameter_spread: Literal["small", "large"] = "small"
-    """How far the robot's parameters are from nominal. small: a few per cent; large: 10 to 50 %, to test
+    """Deviation of the robot's parameters from nominal. small: a few per cent; large: 10 to 50 %, to test
     `eldir calibrate dynamics`."""
     physics: Literal["eldir", "mujoco"] = "eldir"
     """The program that moves the robot: eldir's built scene, or MuJoCo, which models hubs, sockets and

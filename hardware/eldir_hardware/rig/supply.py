@@ -1,4 +1,4 @@
-"""Heat of one spring from the supply, alone or together with others on a shared output."""
+"""Heat of springs from the supply, also on a shared output, and the extremes within the tolerances."""
 
 from __future__ import annotations
 
@@ -9,27 +9,30 @@ import numpy as np
 
 from eldir.core.records import FloatArray
 from eldir.errors import EldirError
-from eldir.parameters.springs import SpringParameters
-from eldir.parameters.still_air import (
-    SCATTER,
+from eldir.parameters.springs import (
+    CORRELATION_ERROR,
+    SpringParameters,
     forced_convection,
-    hottest_in_still_air,
-    least_coefficient,
-    wire_coefficient,
+    max_still_air_temperature,
+    min_heat_transfer_coefficient,
+    wire_heat_transfer_coefficient,
 )
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.sections import SpringEntry
 
-_FASTEST, _HOT = 5.0, 90.0  # stream of a strong fan [m/s], spring at the highest ceiling [C]
+_MAX_AIR_SPEED, _HOT_TEMPERATURE = (
+    5.0,
+    90.0,
+)  # stream of a strong fan [m/s], spring at the highest ceiling [C]
 
 
 class LimitError(EldirError):
-    """Heating is refused."""
+    """Heating is refused because of a limit."""
 
     code = "limit"
 
 
-_COOLEST = (
+_MIN_DIFFERENCE = (
     10.0  # above ambient, where a coefficient in still air is taken that is too low for hotter springs [K]
 )
 
@@ -37,18 +40,19 @@ _COOLEST = (
 def worst_springs(rig: Rig) -> SpringParameters:
     """The springs that get hottest within the rig file's tolerances. Raises `LimitError` if not measured.
 
-    Hottest air, greatest current, the resistance with the most heat, weakest air stream. A fan counts only
-    where the heating supply is cut by hardware when the fan stands still.
+    Hottest air, largest current, the resistance with most heat, weakest air flow. A fan counts only if
+    hardware cuts the heating supply when the fan stops.
     """
     _require_measured(rig)
-    corner = _corner(rig)
+    corner = _hottest_corner(rig)
     return max(
-        (corner.with_resistance(r) for r in _tolerated(corner, rig)), key=lambda p: float(p.power(0.0))
+        (corner.with_resistance(r) for r in _extreme_resistances(corner, rig)),
+        key=lambda p: float(p.power(0.0)),
     )
 
 
 def coldest_springs(rig: Rig) -> SpringParameters:
-    """The springs that stay coldest within the rig file's tolerances: not dangerous, but they move less."""
+    """The springs that stay coldest within the rig file's tolerances, and move least."""
     _require_measured(rig)
     nominal, allowed = rig.spring_parameters(), rig.tolerances
     corner = replace(
@@ -59,25 +63,30 @@ def coldest_springs(rig: Rig) -> SpringParameters:
         convection_fan=nominal.convection_fan * (1 + allowed.convection_tolerance),
     )
     return min(
-        (corner.with_resistance(r) for r in _tolerated(corner, rig)), key=lambda p: float(p.power(0.0))
+        (corner.with_resistance(r) for r in _extreme_resistances(corner, rig)),
+        key=lambda p: float(p.power(0.0)),
     )
 
 
-def implausible_springs(rig: Rig) -> dict[str, str]:
-    """Thermal constants of the rig file outside what is published for such springs, by name, in one sentence.
+def find_implausible_springs(rig: Rig) -> dict[str, str]:
+    """A sentence for each thermal constant of the rig file outside of published ranges, by name.
 
     Heat capacity and latent heat: from table II of PMC5687518 (IEEE T-RO 2017) to Dynalloy's technical sheet
-    F1140. Losses: by the correlations of `eldir.parameters.still_air`, from a coil in still air, or in a
+    F1140. Losses: by the correlations of `eldir.parameters.springs`, from a coil in still air, or in a
     stream of 0.3 m/s, to a straight wire in still air at 90 C, or in a stream of 5 m/s.
     """
     springs = rig.spring_parameters(fan=False)
     wire, air = springs.wire_diameter, springs.ambient
-    least = least_coefficient(springs, air + _COOLEST)
+    least = min_heat_transfer_coefficient(springs, air + _MIN_DIFFERENCE)
     ranges = {
         "heat_capacity": (466.0, 837.0, "J/(kg K)"),
         "latent_heat": (12_200.0, 24_200.0, "J/kg"),
-        "convection_fan": (least, forced_convection(wire, _FASTEST, _HOT, air), "W/(m2 K)"),
-        "convection_still": (least, (1 + SCATTER) * wire_coefficient(wire, _HOT, air), "W/(m2 K)"),
+        "convection_fan": (least, forced_convection(wire, _MAX_AIR_SPEED, _HOT_TEMPERATURE, air), "W/(m2 K)"),
+        "convection_still": (
+            least,
+            (1 + CORRELATION_ERROR) * wire_heat_transfer_coefficient(wire, _HOT_TEMPERATURE, air),
+            "W/(m2 K)",
+        ),
     }
     found = {}
     for name, (low, high, unit) in ranges.items():
@@ -93,12 +102,12 @@ def implausible_springs(rig: Rig) -> dict[str, str]:
     return found
 
 
-def settled_in_still_air(rig: Rig) -> float:
-    """Temperature at which a spring that stays on settles in the worst corner, alone on the supply [C]."""
+def steady_temperature_in_still_air(rig: Rig) -> float:
+    """Steady temperature of a spring that stays on, in the worst corner and alone on the supply [C]."""
     worst = replace(worst_springs(rig), fan=False)
     if "convection_still" in rig.springs.calibrated:
         return worst.steady_temperature
-    computed = hottest_in_still_air(worst, max(float(worst.power(0.0)), float(worst.power(1.0))))
+    computed = max_still_air_temperature(worst, max(float(worst.power(0.0)), float(worst.power(1.0))))
     if (written := rig.springs.convection_still) is None:
         return computed
     still = written * (1 - rig.tolerances.convection_tolerance)
@@ -110,24 +119,24 @@ def _require_measured(rig: Rig) -> None:
         "springs.resistance_ohm": rig.springs.resistance_ohm,
         "supply.current_limit_a": rig.supply.current_limit_a,
     }
-    lacking = [name for name, value in values.items() if value is None]
-    if not lacking:
+    missing = [name for name, value in values.items() if value is None]
+    if not missing:
         return
-    them = "it" if len(lacking) == 1 else "them"
+    them = "it" if len(missing) == 1 else "them"
     raise LimitError(
-        f"the rig file lacks {' and '.join(lacking)}",
+        f"missing in the rig file: {' and '.join(missing)}",
         code="limit.not-measured",
-        key=lacking[0],
-        expected="a measured value" if len(lacking) == 1 else "measured values",
+        key=missing[0],
+        expected="a measured value" if len(missing) == 1 else "measured values",
         remedy=f"measure {them} and write {them} there: without {them} no temperature can be predicted",
     )
 
 
-def _corner(rig: Rig) -> SpringParameters:
-    """Springs of nominal resistance in the hottest air, at the greatest current, in the weakest stream."""
+def _hottest_corner(rig: Rig) -> SpringParameters:
+    """Springs of nominal resistance in the hottest air, at the largest current, in the weakest air flow."""
     nominal = rig.spring_parameters(fan=rig.fan is not None and rig.fan.interlocked)
     allowed, measured = rig.tolerances, rig.springs.calibrated
-    # Values of a person count only where they make springs hotter than the defaults do.
+    # Unmeasured values count only if they make springs hotter than the defaults.
     kept = {
         name: min(getattr(nominal, name), SpringEntry.model_fields[name].default)
         for name in ("heat_capacity", "latent_heat", "convection_fan")
@@ -141,27 +150,30 @@ def _corner(rig: Rig) -> SpringParameters:
         current_limit=nominal.current_limit * (1 + allowed.current),
         convection_fan=nominal.convection_fan * (1 - allowed.convection_tolerance),
     )
-    still, least = rig.springs.convection_still, least_coefficient(hot, hot.ambient + _COOLEST)
+    still, least = (
+        rig.springs.convection_still,
+        min_heat_transfer_coefficient(hot, hot.ambient + _MIN_DIFFERENCE),
+    )
     if still is not None:
         still *= 1 - allowed.convection_tolerance
         least = still if "convection_still" in measured else min(still, least)
     return replace(hot, convection_still=least)
 
 
-def _tolerated(springs: SpringParameters, rig: Rig) -> list[float]:
-    """Candidate resistances [Ohm]; one of them gives the most heat, and one the least."""
+def _extreme_resistances(springs: SpringParameters, rig: Rig) -> list[float]:
+    """Candidate resistances [Ohm]: one of them gives the most heat, one the least."""
     # At the supply's current limit more resistance means more heat, below it less.
     measured = rig.spring_parameters(fan=False).resistance
     low, high = (measured * (1.0 + s * rig.springs.resistance_tolerance) for s in (-1, 1))
-    turning = springs.supply_voltage / springs.current_limit - springs.lead_resistance
-    return [low, high, *([turning] if low < turning < high else [])]
+    resistance_at_limit = springs.supply_voltage / springs.current_limit - springs.lead_resistance
+    return [low, high, *([resistance_at_limit] if low < resistance_at_limit < high else [])]
 
 
-def shares(rig: Rig, springs: SpringParameters, *, worst: bool = False) -> FloatArray:
-    """The heat of one spring while n heat, as a part of its heat alone, for n = 0, 1, ... all channels.
+def power_shares(rig: Rig, springs: SpringParameters, *, worst: bool = False) -> FloatArray:
+    """Power of one spring while n heat, relative to its power alone, for n = 0, 1, ... all channels.
 
-    With an output for each it is always 1. `worst`: a spring that draws more than the others, within
-    the tolerance.
+    It is always 1 with an output for each channel. `worst`: for a spring that draws more than the others,
+    within the tolerance.
     """
     count = len(rig.channels)
     if rig.supply.outputs == "each":
@@ -170,32 +182,35 @@ def shares(rig: Rig, springs: SpringParameters, *, worst: bool = False) -> Float
     others = springs.resistance
     candidates = [springs.resistance]
     if worst:
-        candidates = _tolerated(springs, rig)
+        candidates = _extreme_resistances(springs, rig)
         others = max(candidates)
     found = [
         1.0,
-        *(max(_heat(springs, r, others, n) for r in candidates) / alone for n in range(1, count + 1)),
+        *(
+            max(_power_in_parallel(springs, r, others, n) for r in candidates) / alone
+            for n in range(1, count + 1)
+        ),
     ]
     return np.minimum(found, 1.0)
 
 
-def _heat(springs: SpringParameters, own: float, others: float, n: int) -> float:
-    """Heat of a spring in parallel with n - 1 others on an output of limited current [W]."""
+def _power_in_parallel(springs: SpringParameters, own: float, others: float, n: int) -> float:
+    """Power of a spring in parallel with n - 1 others on an output of limited current [W]."""
     lead, limit = springs.lead_resistance, springs.current_limit
     mine, theirs = 1.0 / (own + lead), 1.0 / (others + lead)
     current = min(springs.supply_voltage * mine, limit * mine / (mine + (n - 1) * theirs))
     return current**2 * own
 
 
-def shared_on(on: FloatArray, parts: Sequence[float] | FloatArray) -> FloatArray:
-    """`on` (T, channels) scaled by each spring's share; channels closed for a whole step take a share."""
-    together = np.clip((on > 1.0 - 1e-9).sum(axis=1), 1, None)
-    return on * np.asarray(parts)[together][:, None]
+def scale_by_shares(on: FloatArray, parts: Sequence[float] | FloatArray) -> FloatArray:
+    """Scale `on` (T, channels) by the springs' shares; channels that are closed for a whole step share."""
+    simultaneous = np.clip((on > 1.0 - 1e-9).sum(axis=1), 1, None)
+    return on * np.asarray(parts)[simultaneous][:, None]
 
 
-def check_current(rig: Rig, together: int) -> None:
-    """Raise `LimitError` if so many springs at once exceed the supply's budget or a contact's rating, at the
-    greatest tolerated current."""
+def check_current(rig: Rig, simultaneous: int) -> None:
+    """Raise `LimitError` if `simultaneous` springs exceed the supply's or a contact's rating, at the largest
+    tolerated current."""
     worst = worst_springs(rig)
     one = float(worst.current(0.0))
     if one > rig.board.contact_rating_a:
@@ -206,12 +221,12 @@ def check_current(rig: Rig, together: int) -> None:
             found=f"{one:.1f} A",
         )
     if rig.supply.outputs == "shared":
-        together = min(together, 1)  # the limit holds for all of them
-    if together * worst.current_limit > rig.supply.max_total_current_a + 1e-9:
+        simultaneous = min(simultaneous, 1)  # the limit holds for all of them
+    if simultaneous * worst.current_limit > rig.supply.max_total_current_a + 1e-9:
         raise LimitError(
             "too many springs heat at once",
             code="limit.supply",
             expected=f"at most {rig.supply.max_total_current_a:g} A",
-            found=f"{together} x {worst.current_limit:.3g} A",
+            found=f"{simultaneous} x {worst.current_limit:.3g} A",
             remedy="move the phases apart",
         )

@@ -13,7 +13,7 @@ from eldir.core.validation import adapter
 from eldir.core.yaml_files import dump_yaml, parse_yaml
 from eldir.errors import InputError
 from eldir.parameters.wiring import wiring
-from eldir_hardware.relay.registration import board_of
+from eldir_hardware.relay.registration import get_board
 from eldir_hardware.rig.configuration import Rig
 
 MOTORS = 2
@@ -74,8 +74,8 @@ _WIDTH = 110  # of a comment [characters]
 
 def real_rig(board: str, port: str) -> str:
     """The text of a rig file for a real board; it arms only when completed."""
-    head = _head("bench", "real", board, f"  port: {_scalar(port)}\n", "null")
-    return _described(head + _REAL, "VirtualEntry", "VirtualCameraEntry")
+    head = _fill_head("bench", "real", board, f"  port: {_scalar(port)}\n", "null")
+    return _with_comments(head + _REAL, "VirtualEntry", "VirtualCameraEntry")
 
 
 def virtual_rig(
@@ -86,13 +86,13 @@ def virtual_rig(
     physics: str = "eldir",
 ) -> str:
     """The text of a complete virtual rig file; `design` is a path relative to that file."""
-    head = _head("virtual bench", "virtual", board, "", "true")
+    head = _fill_head("virtual bench", "virtual", board, "", "true")
     robot = "" if design is None else f"  design: {_scalar(design)}\n"
     text = _VIRTUAL.format(current=CURRENT_LIMIT_A, seed=seed, clock=clock, physics=physics, design=robot)
-    return _described(head + text, "LiveCameraEntry")
+    return _with_comments(head + text, "LiveCameraEntry")
 
 
-def _described(text: str, *others: str) -> str:
+def _with_comments(text: str, *others: str) -> str:
     """The text of a rig file with the texts of all entries above them, from the schema.
 
     `others`: sections that such a rig does not have.
@@ -103,7 +103,7 @@ def _described(text: str, *others: str) -> str:
     for line in text.splitlines():
         name = line.removeprefix("# ").partition(":")[0]
         if name in schema["properties"] and name != "format":
-            lines += ["", *_comment(name, schema["properties"][name], sections)]
+            lines += ["", *_make_comment(name, schema["properties"][name], sections)]
         lines.append(line)
     return "\n".join(lines) + "\n"
 
@@ -113,7 +113,9 @@ def _schema() -> dict[str, Any]:
     return adapter(Rig).json_schema()
 
 
-def _comment(name: str, entry: dict[str, Any], sections: Mapping[str, Any], depth: int = 0) -> Iterator[str]:
+def _make_comment(
+    name: str, entry: dict[str, Any], sections: Mapping[str, Any], depth: int = 0
+) -> Iterator[str]:
     """The text of an entry, its default, and those of the entries in it."""
     default = entry.get("default")
     plain = isinstance(default, str | int | float)
@@ -128,10 +130,10 @@ def _comment(name: str, entry: dict[str, Any], sections: Mapping[str, Any], dept
     for kind in kinds:
         entries = kind["properties"]
         if "const" in entries.get("kind", {}):
-            yield from _comment(f"kind {entries['kind']['const']}", kind, {}, depth + 1)
+            yield from _make_comment(f"kind {entries['kind']['const']}", kind, {}, depth + 1)
         for inner_name, inner in entries.items():
             if "const" not in inner:
-                yield from _comment(inner_name, inner, sections, depth + 1)
+                yield from _make_comment(inner_name, inner, sections, depth + 1)
 
 
 def _scalar(text: str) -> str:
@@ -144,7 +146,7 @@ def _scalar(text: str) -> str:
     return dump_yaml(text, default_style=style).strip()
 
 
-def _head(name: str, kind: str, board: str, port: str, retriggerable: str) -> str:
+def _fill_head(name: str, kind: str, board: str, port: str, retriggerable: str) -> str:
     connections = wiring(MOTORS)
     rows = [f"  - {{channel: {c.channel}, spring: {c.spring}, face: {c.face}}}" for c in connections]
     return _HEAD.format(
@@ -153,13 +155,13 @@ def _head(name: str, kind: str, board: str, port: str, retriggerable: str) -> st
         board=board,
         port=port,
         count=len(connections),
-        timer=_timer(board, retriggerable),
+        timer=_timer_entry(board, retriggerable),
         channels="\n".join(rows),
     )
 
 
-def _timer(board: str, value: str) -> str:
-    driver = board_of(board).driver
+def _timer_entry(board: str, value: str) -> str:
+    driver = get_board(board).driver
     if not driver.times_pulses or driver.retriggerable is not None:
         return ""
     return f"  retriggerable: {value}\n"

@@ -1,20 +1,29 @@
-"""Filming a run: the virtual camera, and the calibration files that are kept with the log."""
+"""Filming a run: the virtual camera, a live camera, and the calibration files that are kept with the log."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import json
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eldir.core.records import FileRecord, IntArray
-from eldir_hardware.camera.lens import Lens
-from eldir_hardware.camera.plane import Plane, TagBoard
-from eldir_hardware.camera.validity import require_valid
+from eldir.built.robot import build
+from eldir.core.records import FileRecord, FloatArray, IntArray
+from eldir.design import Design
+from eldir.errors import EldirError, InputError
+from eldir_hardware.camera.lens import Lens, require_not_expired
+from eldir_hardware.camera.plane import FieldOfView, Image, Plane, TagBoard
+from eldir_hardware.resource import Resource
+from eldir_hardware.rig._addresses import hide_password
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.sections import LiveCameraEntry, VirtualCameraEntry
 from eldir_hardware.schedule import ActuationSchedule
@@ -23,11 +32,12 @@ from eldir_hardware.virtual.rig import BodyFrame, DrivenBody
 if TYPE_CHECKING:
     from eldir_hardware.vision.virtual_camera import VirtualCamera
 
-_LEAST_ROOM = 1.0
-"""Least distance ahead and behind that the camera sees [body lengths]."""
+_MIN_RANGE = 1.0
+"""Shortest distance ahead and behind that the camera sees [body lengths]."""
 _SPARE = 0.3  # [body lengths]
-STALL = 1.0
+MAX_FRAME_GAP = 1.0
 """A longer time without a frame is reported [s]."""
+_CLOSING = 2.0  # longest wait for the thread at the end, which may wait for a picture [s]
 
 
 class FilmLog(Protocol):
@@ -49,7 +59,7 @@ class CameraFiles:
     tags: TagBoard | None = None
 
     @classmethod
-    def of(cls, rig: Rig, rig_path: Path) -> CameraFiles:
+    def load(cls, rig: Rig, rig_path: Path) -> CameraFiles:
         """Load the files that a rig file names. Raises `InputError` if one expired or does not fit."""
         if rig.camera is None:
             return cls()
@@ -57,10 +67,10 @@ class CameraFiles:
         lens = None if rig.camera.lens is None else Lens.load(folder / rig.camera.lens)
         plane = None if rig.camera.plane is None else Plane.load(folder / rig.camera.plane)
         if lens is not None:
-            require_valid(lens.provenance, now, str(rig.camera.lens))
+            require_not_expired(lens.provenance, now, str(rig.camera.lens))
             lens.require_size(rig.camera.width, rig.camera.height)
         if plane is not None:
-            require_valid(plane.provenance, now, str(rig.camera.plane))
+            require_not_expired(plane.provenance, now, str(rig.camera.plane))
             plane.require_size(rig.camera.width, rig.camera.height)
         tags = rig.camera.tags if isinstance(rig.camera, LiveCameraEntry) else None
         return cls(lens, plane, None if tags is None else TagBoard.load(folder / tags))
@@ -73,45 +83,152 @@ class CameraFiles:
 
 
 def virtual_camera(
-    rig: Rig, entry: VirtualCameraEntry, robot: DrivenBody, schedule: ActuationSchedule
+    rig: Rig, entry: VirtualCameraEntry, body: DrivenBody, schedule: ActuationSchedule
 ) -> VirtualCamera:
     """The rig's virtual camera, far enough away to see all places that the robot should reach."""
-    from eldir_hardware.camera.plane import FieldOfView
+    return _render_camera(rig, entry, FieldOfView.around(body.positions, *visible_range(schedule)))
+
+
+def _render_camera(rig: Rig, entry: VirtualCameraEntry | LiveCameraEntry, view: FieldOfView) -> VirtualCamera:
     from eldir_hardware.vision.virtual_camera import VirtualCamera
 
-    return VirtualCamera(
-        rig.virtual.seed,
-        FieldOfView.around(robot.positions, *room(schedule)),
-        size=(entry.width, entry.height),
-        rate=entry.rate_hz,
-        marker=rig.marker,
-    )
+    size = (entry.width, entry.height)
+    return VirtualCamera(rig.virtual.seed, view, size=size, rate=entry.rate_hz, marker=rig.marker)
 
 
-def film(
-    camera: VirtualCamera, marked: IntArray, log: FilmLog, see: Callable[[BodyFrame], None]
+def record_frames(
+    camera: VirtualCamera, marked: IntArray, log: FilmLog, on_body: Callable[[BodyFrame], None]
 ) -> Callable[[BodyFrame], None]:
     """A function that renders the camera's picture of a body frame and records it."""
     log.attach("tags.json", camera.board)
     previous = 0.0
 
-    def shoot(frame: BodyFrame) -> None:
+    def record(frame: BodyFrame) -> None:
         nonlocal previous
-        if frame.time_s - previous > STALL:
+        if frame.time_s - previous > MAX_FRAME_GAP:
             log.on_stall(frame.time_s, frame.time_s - previous)
         previous = frame.time_s
-        see(frame)
+        on_body(frame)
         log.on_frame(frame.time_s, camera.render(frame.positions, frame.springs, marked))
 
-    return shoot
+    return record
 
 
-def room(schedule: ActuationSchedule) -> tuple[float, float]:
+def visible_range(schedule: ActuationSchedule) -> tuple[float, float]:
     """How far ahead and behind the camera must see [body lengths]: as far as the sampled robots go
-    in all cycles, with three standard deviations to spare."""
+    in all cycles, plus three standard deviations."""
     walk = schedule.predicted.walk
     if walk is None or walk.mean is None:
         return 1.3, 1.3
     part = (schedule.cycles + schedule.conditioning_cycles) / 5  # walks are predicted for five cycles
     mean, spread = part * walk.mean, part * (walk.spread or 0.0)
-    return max(_LEAST_ROOM, mean + 3 * spread + _SPARE), max(_LEAST_ROOM, -mean + 3 * spread + _SPARE)
+    return max(_MIN_RANGE, mean + 3 * spread + _SPARE), max(_MIN_RANGE, -mean + 3 * spread + _SPARE)
+
+
+class LiveCamera(Resource):
+    """A live camera, between `open` and `close` or in a `with`.
+
+    A thread reads its pictures all the time, so that no recorded picture has waited in the driver.
+    """
+
+    def __init__(self, entry: LiveCameraEntry):
+        self._entry = entry
+        self._record: Callable[[float, NDArray[np.uint8]], None] | None = None
+        self._failure: EldirError | None = None
+        self._closing = threading.Event()
+        self._thread = threading.Thread(target=self._read, name="camera", daemon=True)
+
+    def open(self) -> None:
+        """Take the first picture and start reading. Raises `InputError` where the camera cannot be opened, or
+        its pictures have another size than the rig file says."""
+        from eldir_hardware.vision.live import CameraDevice
+
+        entry = self._entry
+        wanted = entry.width, entry.height
+        self._frames = CameraDevice(entry.device, inf, size=wanted, rate=entry.rate_hz).frames()
+        _, image = next(self._frames)
+        found = image.shape[1::-1]
+        if found != wanted:
+            self._frames.close()
+            raise InputError(
+                f"the pictures of {hide_password(entry.device)} have another size than the rig file says",
+                code="camera.other-size",
+                expected=f"{wanted[0]} x {wanted[1]}",
+                found=f"{found[0]} x {found[1]}",
+                remedy="set camera.width and camera.height in the rig file, and calibrate for that size",
+            )
+        self._thread.start()
+
+    def close(self) -> None:
+        """Stop reading; a picture that does not come is not waited for."""
+        self._closing.set()
+        self._thread.join(_CLOSING)
+
+    @contextmanager
+    def filming(self, log: FilmLog) -> Iterator[Callable[[float], None]]:
+        """A function that begins to record pictures, from a start [s of the monotonic clock] on.
+
+        A camera that fails does not stop the run; its error is raised at the end.
+        """
+        start = latest = inf
+
+        def begin(at: float) -> None:
+            nonlocal start, latest
+            start = latest = at
+            self._record = record
+
+        def record(t: float, image: NDArray[np.uint8]) -> None:
+            nonlocal latest
+            if t < start:
+                return
+            if t - latest > MAX_FRAME_GAP:
+                log.on_stall(t - start, t - latest)
+            latest = t
+            log.on_frame(t - start, image)
+
+        try:
+            yield begin
+        finally:
+            self._record = None
+            if (end := time.monotonic()) - latest > MAX_FRAME_GAP:
+                log.on_stall(end - start, end - latest)
+        if self._failure is not None:
+            filmed = latest - start if latest < inf else 0.0
+            raise EldirError(f"{self._failure}; the log has pictures until {filmed:.1f} s")
+
+    def _read(self) -> None:
+        with closing(self._frames):
+            try:
+                for t, image in self._frames:
+                    if self._closing.is_set():
+                        return
+                    if (record := self._record) is not None:
+                        record(t, image)
+            except EldirError as error:
+                self._failure = error
+
+
+class RobotCamera:
+    """Renders the robot of a design wherever its masses are."""
+
+    def __init__(self, rig: Rig, design: Design):
+        entry = rig.camera or VirtualCameraEntry(kind="virtual")
+        self._springs, self._marked = design.morphology.springs, design.marks
+        view = FieldOfView.around(build(design.morphology).positions)
+        self._camera = _render_camera(rig, entry, view)
+        self.tags = json.dumps(self._camera.board.to_json())
+        """The reference tags around the robot, as the JSON of their file."""
+
+    @property
+    def lens(self) -> Lens:
+        """The camera's lens, as a perfect calibration would find it."""
+        return self._camera.lens
+
+    @classmethod
+    def load(cls, rig: Path, design: Path) -> RobotCamera:
+        """Load a rig file and a design file. Raises `EldirError` if one is damaged."""
+        return cls(Rig.load(rig), Design.load(design))
+
+    def render(self, positions: FloatArray) -> Image:
+        """BGR picture (H, W, 3) with the masses at `positions` (M, 2) [m]."""
+        return self._camera.render(positions, self._springs, self._marked)

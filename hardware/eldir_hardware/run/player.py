@@ -1,4 +1,4 @@
-"""Plays a schedule on a bank of springs: on time, with pause and resume, and everything off at the end."""
+"""Plays a schedule on heated springs: on time, with pause and resume, and everything off at the end."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import groupby
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from eldir_hardware.clock import Clock
 from eldir_hardware.guardian.bank import LEAD, HeaterBank, Report
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.safety import limits
-from eldir_hardware.safety.stop_signals import Stop, StoppedError
+from eldir_hardware.safety.stop_signals import StoppedError, StopSignals
 from eldir_hardware.schedule import ActuationSchedule
 
 _logger = logging.getLogger(__name__)
 
 READY = LEAD + 0.2
-"""Time from being armed to the start: the first pulses can then be announced in time [s]."""
-_GLANCE = 0.1  # reaction time to a key [s]
+"""Time from arming to the start, in which the first pulses are announced [s]."""
+_REACTION_TIME = 0.1  # reaction time to a key [s]
 
 
 class Observer(Protocol):
@@ -42,13 +42,13 @@ class Observer(Protocol):
 
 
 @dataclass(frozen=True)
-class Played:
-    """Outcome of a run."""
+class RunResult:
+    """Result of a run."""
 
     peak_c: float
     """Highest modelled temperature [C]."""
-    latest_s: float
-    """Greatest delay of a switching [s]."""
+    max_delay_s: float
+    """Longest delay of a switching [s]."""
     duration_s: float
     """Duration of the run [s]."""
     ended: str = "played to the end"
@@ -56,7 +56,7 @@ class Played:
 
 
 class _PausedError(Exception):
-    """Leaves a cycle that is to be paused."""
+    """Leaves a cycle to pause."""
 
 
 class _FinishedError(Exception):
@@ -64,12 +64,11 @@ class _FinishedError(Exception):
 
 
 class Player:
-    """Plays one schedule on one bank. `play` refuses, plays to the end, or raises with everything off.
+    """Plays one schedule on one bank. `play` plays to the end, or raises with everything off.
 
     `pause`, `resume`, `step`, `finish`, `finish_cycle` and `stop` may be called from any thread. A pause
-    opens every contact at once. The interrupted cycle is played again from its beginning, but not before the
-    next one would have begun: the springs then had no more heat and no less rest than in the schedule, for
-    which the limits were checked.
+    opens every contact at once. The interrupted cycle is played again from its beginning, not before the next
+    one would have begun: the springs then have had no more heat and no less rest than in the schedule.
     """
 
     def __init__(
@@ -90,48 +89,48 @@ class Player:
         self._last: Report | None = None
         self._running = threading.Event()
         self._running.set()
-        self._single = self._finished = self._last_cycle = False
-        self._played = 0
-        self._stopped: str | None = None
+        self._pause_after_cycle = self._finish_now = self._finish_after_cycle = False
+        self._cycles_played = 0
+        self._stop_reason: str | None = None
 
     def play(
         self,
         earliest: float = 0.0,
-        ready: Callable[[float], None] = lambda start: None,
-        rest: Callable[[float], None] = lambda seconds: None,
-    ) -> Played:
+        on_start: Callable[[float], None] = lambda start: None,
+        on_rest: Callable[[float], None] = lambda seconds: None,
+    ) -> RunResult:
         """Heat as scheduled, as soon as everything is armed, but not before `earliest` on the clock.
 
-        Springs that are still warm rest first; `rest` is called with the time for that [s].
+        Springs that are still warm rest first; `on_rest` is called with the time for that [s].
 
-        `ready` is called with the start, which is chosen only then, so that a slow board or a busy computer
-        delays the run and does not stop it. Ctrl-C, SIGTERM and a closed terminal end it with everything off.
-        Observers' times count from the start.
+        `on_start` is called with the start of the schedule [s on the clock], which is set after arming: a
+        slow board or a busy computer delays the run and does not stop it. Ctrl-C, SIGTERM and a closed
+        terminal end it with everything off. Observers' times count from the start.
         """
-        stop = Stop()
-        with stop.caught(), self._bank.armed(), stop.heeded():
+        stop = StopSignals()
+        with stop.handled(), self._bank.armed(), stop.raising():
             self._start = self._clock.now()
             with suppress(_FinishedError):
-                self._let_rest(rest)
+                self._rest_springs(on_rest)
                 self._start = max(earliest, self._clock.now() + READY)
-                ready(self._start)
+                on_start(self._start)
                 self._play_cycles()
         end = self._clock.now() - self._start
         if self._last is None:
-            return Played(self._rig.springs.ambient_c, 0.0, end, self._ended)
-        return Played(round(self._last.hottest, 2), self._last.latest, end, self._ended)
+            return RunResult(self._rig.springs.ambient_c, 0.0, end, self._ended)
+        return RunResult(round(self._last.peak, 2), self._last.max_delay, end, self._ended)
 
-    def _let_rest(self, rest: Callable[[float], None]) -> None:
-        """Wait until the springs have rested and cooled from the run before."""
-        until = self._bank.rested_at - READY
+    def _rest_springs(self, on_rest: Callable[[float], None]) -> None:
+        """Wait until the springs have rested and cooled from the previous run."""
+        until = self._bank.ready_at - READY
         if (seconds := until - self._clock.now()) > 0:
-            rest(seconds + READY)
+            on_rest(seconds + READY)
         while self._clock.now() < until:
-            if self._stopped is not None:
-                raise StoppedError(self._stopped)
-            if self._finished:
+            if self._stop_reason is not None:
+                raise StoppedError(self._stop_reason)
+            if self._finish_now:
                 raise _FinishedError
-            self._bank.wait_until(min(until, self._clock.now() + _GLANCE), lambda report: None)
+            self._bank.wait_until(min(until, self._clock.now() + _REACTION_TIME), lambda report: None)
 
     @property
     def _cycles(self) -> int:
@@ -139,25 +138,25 @@ class Player:
 
     @property
     def _ended(self) -> str:
-        if self._played == self._cycles:
+        if self._cycles_played == self._cycles:
             return "played to the end"
-        return f"finished after {self._played} of {self._cycles} cycles"
+        return f"finished after {self._cycles_played} of {self._cycles} cycles"
 
     def _play_cycles(self) -> None:
         begin = self._start + self._schedule.settle_s
-        while self._played < self._cycles and not (self._last_cycle and self._played):
+        while self._cycles_played < self._cycles and not (self._finish_after_cycle and self._cycles_played):
             try:
                 self._play_cycle(begin)
-                self._played += 1
+                self._cycles_played += 1
                 begin += self._schedule.period_s
-                if self._single:
-                    self._single = False
-                    self._rest_until(begin)
+                if self._pause_after_cycle:
+                    self._pause_after_cycle = False
+                    self._wait_until(begin)
                     self.pause()
             except _PausedError:
-                begin = self._wait_to_go_on(begin)
+                begin = self._wait_for_resume(begin)
         with suppress(_PausedError):  # nothing is left to pause
-            self._rest_until(begin)
+            self._wait_until(begin)
 
     def pause(self) -> None:
         """Open every contact and wait."""
@@ -169,20 +168,20 @@ class Player:
 
     def step(self) -> None:
         """Play one cycle, then pause."""
-        self._single = True
+        self._pause_after_cycle = True
         self._running.set()
 
     def finish(self) -> None:
-        """End at once as at the schedule's end, without a latched stop."""
-        self._finished = True
+        """End at once, as at the end of the schedule, without a latched stop."""
+        self._finish_now = True
 
     def finish_cycle(self) -> None:
-        """End after the cycle that is played; at once where it is paused."""
-        self._last_cycle = True
+        """End after the present cycle; at once if paused."""
+        self._finish_after_cycle = True
 
-    def stop(self, why: str) -> None:
+    def stop(self, reason: str) -> None:
         """Emergency stop: `play` raises `StoppedError`, and nothing heats again before a reset."""
-        self._stopped = why
+        self._stop_reason = reason
 
     @property
     def paused(self) -> bool:
@@ -190,45 +189,45 @@ class Player:
         return not self._running.is_set()
 
     def _play_cycle(self, begin: float) -> None:
-        """Announce the pulses of a cycle, until it is time to announce the next cycle's."""
+        """Announce the pulses of a cycle, until the next cycle must be announced."""
         pulses = sorted(self._schedule.pulses(), key=lambda p: p.start)
-        for start, together in groupby(pulses, key=lambda p: p.start):
-            self._rest_until(begin + start - LEAD)
-            self._bank.heat(begin + start, {p.channel: p.length for p in together})
-        self._rest_until(begin + self._schedule.period_s - LEAD)
+        for start, simultaneous in groupby(pulses, key=lambda p: p.start):
+            self._wait_until(begin + start - LEAD)
+            self._bank.heat(begin + start, {p.channel: p.length for p in simultaneous})
+        self._wait_until(begin + self._schedule.period_s - LEAD)
 
-    def _rest_until(self, t: float) -> None:
-        while self.paused or self._clock.now() < t:  # where it is paused, what comes next is not announced
+    def _wait_until(self, t: float) -> None:
+        while self.paused or self._clock.now() < t:  # while paused, nothing more is announced
             if self.paused:
                 raise _PausedError
-            self._rest_a_moment(t)
+            self._wait_step(t)
 
-    def _rest_a_moment(self, t: float) -> None:
-        if self._stopped is not None:
-            raise StoppedError(self._stopped)
-        if self._finished:
+    def _wait_step(self, t: float) -> None:
+        if self._stop_reason is not None:
+            raise StoppedError(self._stop_reason)
+        if self._finish_now:
             raise _FinishedError
-        self._bank.wait_until(min(t, self._clock.now() + _GLANCE), self._see)
+        self._bank.wait_until(min(t, self._clock.now() + _REACTION_TIME), self._on_report)
 
-    def _wait_to_go_on(self, begin: float) -> float:
+    def _wait_for_resume(self, begin: float) -> float:
         """Keep everything off until resumed; return when the cycle begins again [s on the clock].
 
         `begin`: when the interrupted cycle began, or was to begin.
         """
         self._bank.abort_pulses()
-        cycle = self._played + 1
-        self._tell(f"paused in cycle {cycle}")
+        cycle = self._cycles_played + 1
+        self._notify(f"paused in cycle {cycle}")
         may_have_heated = self._clock.now() > begin - LEAD
         earliest = begin + self._schedule.period_s if may_have_heated else begin
         while self.paused:
-            if self._last_cycle:
+            if self._finish_after_cycle:
                 raise _FinishedError
-            self._rest_a_moment(self._clock.now() + _GLANCE)
+            self._wait_step(self._clock.now() + _REACTION_TIME)
         begin = max(self._clock.now() + 2 * LEAD, earliest)
-        self._tell(f"resumed: cycle {cycle} begins again at {begin - self._start:.1f} s")
+        self._notify(f"resumed: cycle {cycle} begins again at {begin - self._start:.1f} s")
         return begin
 
-    def _see(self, report: Report) -> None:
+    def _on_report(self, report: Report) -> None:
         self._last = report
         t = report.t - self._start
         for observer in self._observers:
@@ -237,7 +236,34 @@ class Player:
             if report.currents:
                 observer.on_currents(t, report.currents, report.voltages)
 
-    def _tell(self, text: str) -> None:
+    def _notify(self, text: str) -> None:
         _logger.info("%s", text)
         for observer in self._observers:
             observer.on_event(self._clock.now() - self._start, text)
+
+
+class ContactEdge(NamedTuple):
+    """A contact that closed or opened."""
+
+    t: float
+    """Seconds since the start of the schedule, of the report that first showed it."""
+    channel: int
+    """Number of the relay channel, from 1."""
+    closed: bool
+
+
+class ContactEdges:
+    """Collects the contacts' openings and closings from the reports of a run."""
+
+    def __init__(self) -> None:
+        self.found: list[ContactEdge] = []
+        self.closed: tuple[bool, ...] = ()
+        """The latest report; empty before the first one."""
+
+    def update(self, t: float, closed: tuple[bool, ...]) -> None:
+        """Add a report of all contacts at `t` [s]; all are open before the first one."""
+        before = self.closed or (False,) * len(closed)
+        for channel, (was, now) in enumerate(zip(before, closed, strict=True), start=1):
+            if was != now:
+                self.found.append(ContactEdge(t, channel, now))
+        self.closed = tuple(closed)

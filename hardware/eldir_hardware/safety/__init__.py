@@ -1,4 +1,4 @@
-"""What must hold before heat is allowed, and what ends it: limits, stuck contacts, the latch, signals.
+"""Checks before heating, and the emergency stop: limits, welded contacts, the latch, signals.
 
 Limits while it is on are enforced by `eldir_hardware.guardian`.
 """

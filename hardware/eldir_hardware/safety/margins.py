@@ -1,28 +1,27 @@
-"""Margins of a schedule: how far beyond its tolerances a rig may be until a spring reaches the ceiling."""
+"""Margins of a schedule: how far beyond its tolerances a rig may be until a spring reaches its limit."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
 from eldir_hardware.rig.configuration import Rig
-from eldir_hardware.rig.supply import coldest_springs, shared_on, shares
-from eldir_hardware.safety.limits import LimitError, check_heat, on_in_period
-from eldir_hardware.safety.repeated_heat import run_until_repeated
-from eldir_hardware.schedule import ActuationSchedule
-from eldir_hardware.schedule_prediction import HeatMargins
+from eldir_hardware.rig.supply import coldest_springs, power_shares, scale_by_shares
+from eldir_hardware.safety.limits import LimitError, check_heat, on_fractions
+from eldir_hardware.safety.worst_heat import run_until_periodic
+from eldir_hardware.schedule import ActuationSchedule, HeatMargins
 
-_CURRENT, _AMBIENT, _LONGER = (
+_CURRENT_SEARCH, _AMBIENT_SEARCH, _PULSE_SEARCH = (
     (2.0, 0.01),
     (40.0, 0.1),
     (6.0, 0.02),
-)  # the search's end and exactness [A, K, s]
+)  # largest value and tolerance of the search [A, K, s]
 
 
 def heat_margins(schedule: ActuationSchedule, rig: Rig) -> HeatMargins:
-    """The margins of a schedule that the rig allows, each alone, with all else in the worst corner.
+    """The margins of a schedule that the rig allows, each alone, with everything else in the worst corner.
 
-    The ceiling holds for pulses a step longer than scheduled and for a contact that welds, as when a schedule
-    is checked. Zero where nothing is left.
+    They hold for pulses one timer step longer than scheduled and for a contact that welds, as in the check of
+    the schedule.
     """
     pulses, period, allowed = schedule.pulses(), schedule.period_s, rig.tolerances
     nominal = float(rig.spring_parameters().current(0.0))
@@ -37,16 +36,20 @@ def heat_margins(schedule: ActuationSchedule, rig: Rig) -> HeatMargins:
 
     peak, stroke = _coldest(schedule, rig)
     return HeatMargins(
-        current_a=_last(lambda more: holds(current=allowed.current + more / nominal), *_CURRENT),
-        ambient_c=_last(lambda more: holds(ambient_max_c=allowed.ambient_max_c + more), *_AMBIENT),
-        longer_s=_last(lambda more: holds(longer=more), *_LONGER),
+        current_a=_largest_allowed(
+            lambda more: holds(current=allowed.current + more / nominal), *_CURRENT_SEARCH
+        ),
+        ambient_c=_largest_allowed(
+            lambda more: holds(ambient_max_c=allowed.ambient_max_c + more), *_AMBIENT_SEARCH
+        ),
+        longer_s=_largest_allowed(lambda more: holds(longer=more), *_PULSE_SEARCH),
         coldest_c=peak,
         coldest_stroke=stroke,
     )
 
 
-def describe(margins: HeatMargins, rig: Rig) -> str:
-    """The margins in two sentences."""
+def describe_margins(margins: HeatMargins, rig: Rig) -> str:
+    """A sentence on the margins."""
     allowed = rig.tolerances
     return (
         f"margins beyond the rig file's tolerances until {rig.limits.max_temperature_c:g} C: "
@@ -60,18 +63,18 @@ def describe(margins: HeatMargins, rig: Rig) -> str:
 def _coldest(schedule: ActuationSchedule, rig: Rig) -> tuple[float, float]:
     """Peak temperature [C] and used part of the stroke of springs in the coldest corner."""
     springs = coldest_springs(rig)
-    on = shared_on(on_in_period(schedule.pulses(), schedule.period_s), shares(rig, springs))
-    history = run_until_repeated(on, schedule.period_s / len(on), springs, rig.limits.max_temperature_c)
+    on = scale_by_shares(on_fractions(schedule.pulses(), schedule.period_s), power_shares(rig, springs))
+    history = run_until_periodic(on, schedule.period_s / len(on), springs, rig.limits.max_temperature_c)
     used = float((history.martensite.max(axis=0) - history.martensite.min(axis=0)).min())
     return round(float(history.temperature.max()), 1), round(used, 3)
 
 
-def _last(holds: Callable[[float], bool], most: float, exact: float) -> float:
-    """The largest value up to `most` for which something still holds; 0 if it never does."""
-    low, high = 0.0, most
-    if holds(most):
-        return most
-    while high - low > exact:
+def _largest_allowed(holds: Callable[[float], bool], max_value: float, tolerance: float) -> float:
+    """The largest value up to `max_value` for which `holds` is true; 0 if it never is."""
+    low, high = 0.0, max_value
+    if holds(max_value):
+        return max_value
+    while high - low > tolerance:
         middle = (low + high) / 2
         low, high = (middle, high) if holds(middle) else (low, middle)
     return round(low, 2)

@@ -1,7 +1,7 @@
-"""The folder of the latched stops, which other users cannot write.
+"""The folder of latched stops, which other users cannot write.
 
 /var/lib/eldir if an administrator made it for a group; otherwise this user's $XDG_STATE_HOME/eldir or
-~/.local/state/eldir. No file is opened through a link, and none is trusted that others could have written.
+~/.local/state/eldir. No file is opened through a link, and no file that others can write is trusted.
 """
 
 from __future__ import annotations
@@ -18,11 +18,14 @@ from pathlib import Path
 
 from eldir.errors import EldirError
 
-SHARED = Path("/var/lib/eldir")
-"""An administrator makes it: owned by root, mode 2770, its group drives the rigs of this computer."""
-_LARGEST = 65_536  # of a file [bytes]
-_MOST = 1024  # entries
-_PATIENCE, _POLL = 0.2, 0.002  # with a program that changes files [s]: a stop must go on
+SHARED_FOLDER = Path("/var/lib/eldir")
+"""Made by an administrator: owned by root, mode 2770, and the group that drives rigs here."""
+_MAX_BYTES = 65_536  # of a file [bytes]
+_MAX_ENTRIES = 1024  # entries
+_LOCK_TIMEOUT, _POLL_INTERVAL = (
+    0.2,
+    0.002,
+)  # while another program changes files [s]: a stop must not wait longer
 _OPEN = os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOCTTY
 
 
@@ -39,46 +42,46 @@ class StateFolder:
         self._handle, self.path, self._shared = handle, path, shared
 
     def names(self) -> list[str]:
-        """Names of its entries. Raises `StateError` if there are too many."""
-        found = []
+        """Names of the entries. Raises `StateError` if there are too many."""
+        names = []
         with os.scandir(self._handle) as entries:
             for entry in entries:
-                found.append(entry.name)
-                if len(found) > _MOST:
+                names.append(entry.name)
+                if len(names) > _MAX_ENTRIES:
                     raise StateError(
                         f"{self.path} has too many files",
                         code="state.too-many-files",
                         remedy="look at it and empty it",
                     )
-        return sorted(found)
+        return sorted(names)
 
     def read(self, name: str) -> bytes:
-        """Contents of a file. Raises `StateError` for anything but a small regular file of its own users, and
+        """Contents of a file. Raises `StateError` unless it is a small regular file of permitted users, and
         `FileNotFoundError`."""
         try:
             handle = os.open(name, os.O_RDONLY | _OPEN, dir_fd=self._handle)
         except FileNotFoundError:
             raise
         except OSError as error:
-            raise self._wrong(name, error.strerror or str(error)) from None
+            raise self._untrusted_error(name, error.strerror or str(error)) from None
         try:
             status = os.fstat(handle)
             if not stat.S_ISREG(status.st_mode):
-                raise self._wrong(name, "it is not a regular file")
+                raise self._untrusted_error(name, "it is not a regular file")
             if not self._shared and status.st_uid not in (os.geteuid(), 0):
-                raise self._wrong(name, f"it belongs to user {status.st_uid}")
+                raise self._untrusted_error(name, f"it belongs to user {status.st_uid}")
             if status.st_mode & (stat.S_IWOTH if self._shared else stat.S_IWOTH | stat.S_IWGRP):
-                raise self._wrong(name, "other users can write it")
-            if status.st_size > _LARGEST:
-                raise self._wrong(name, f"it has {status.st_size} bytes")
-            return os.read(handle, _LARGEST)
+                raise self._untrusted_error(name, "other users can write it")
+            if status.st_size > _MAX_BYTES:
+                raise self._untrusted_error(name, f"it has {status.st_size} bytes")
+            return os.read(handle, _MAX_BYTES)
         except OSError as error:
-            raise self._wrong(name, error.strerror or str(error)) from None
+            raise self._untrusted_error(name, error.strerror or str(error)) from None
         finally:
             os.close(handle)
 
     def write(self, name: str, data: bytes) -> None:
-        """Replace a file; it survives a loss of power. Raises `OSError`; then the old file is still there."""
+        """Replace a file; it survives a loss of power. Raises `OSError`, and keeps the old file then."""
         draft = f".{name}.{secrets.token_hex(8)}"
         mode = 0o660 if self._shared else 0o600
         handle = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL | _OPEN, mode, dir_fd=self._handle)
@@ -101,32 +104,32 @@ class StateFolder:
             os.unlink(name, dir_fd=self._handle)
         os.fsync(self._handle)
 
-    def _wrong(self, name: str, why: str) -> StateError:
-        return StateError(f"{self.path / name} cannot be trusted: {why}", code="state.untrusted")
+    def _untrusted_error(self, name: str, reason: str) -> StateError:
+        return StateError(f"{self.path / name} cannot be trusted: {reason}", code="state.untrusted")
 
 
 @contextmanager
-def state_folder(shared: Path = SHARED, *, alone: bool = False) -> Iterator[StateFolder]:
+def open_state_folder(shared: Path = SHARED_FOLDER, *, exclusive: bool = False) -> Iterator[StateFolder]:
     """Open the folder; that of the user is created if needed. Raises `StateError` for an unsafe one.
 
-    `alone`: to change a file by what it says. Other programs that do so wait, a fifth of a second at most.
+    `exclusive`: to change a file by its content. Other programs that do so wait, for 0.2 s at most.
     """
-    common = os.path.lexists(shared)
-    path = shared if common else _own_path()
-    if not common:
+    is_shared = os.path.lexists(shared)
+    path = shared if is_shared else _user_path()
+    if not is_shared:
         _create(path)
     try:
         handle = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
     except OSError as error:
-        remedy = "ask to be in its group" if common else "make it a folder of your own with mode 700"
+        remedy = "ask to be in its group" if is_shared else "make it a folder of your own with mode 700"
         raise StateError(
             f"cannot open {path}: {error.strerror}", code="state.no-access", remedy=remedy
         ) from None
     try:
-        _check(os.fstat(handle), path, common)
-        if alone:
+        _check_permissions(os.fstat(handle), path, is_shared)
+        if exclusive:
             _lock(handle)
-        yield StateFolder(handle, path, common)
+        yield StateFolder(handle, path, is_shared)
     finally:
         os.close(handle)
 
@@ -134,18 +137,18 @@ def state_folder(shared: Path = SHARED, *, alone: bool = False) -> Iterator[Stat
 def _lock(folder: int) -> None:
     """Wait until no other program holds the lock, and hold it until the folder is closed."""
     begun = time.monotonic()
-    while time.monotonic() - begun < _PATIENCE:
+    while time.monotonic() - begun < _LOCK_TIMEOUT:
         try:
             return fcntl.flock(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            time.sleep(_POLL)
+            time.sleep(_POLL_INTERVAL)
         except OSError:  # a file system without locks
             return None
     return None
 
 
-def _own_path() -> Path:
-    """The same from every terminal: the home of the account, not of the environment."""
+def _user_path() -> Path:
+    """The same folder from every terminal: in the home of the account, not of the environment."""
     base = os.environ.get("XDG_STATE_HOME", "")
     if os.path.isabs(base):
         return Path(base) / "eldir"
@@ -161,14 +164,14 @@ def _create(path: Path) -> None:
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         with suppress(FileExistsError):
             path.mkdir(mode=0o700)
-        above = path.parent.stat().st_mode
+        parent_mode = path.parent.stat().st_mode
     except OSError as error:
         raise StateError(
             f"cannot make {path}: {error.strerror}",
             code="state.no-access",
             remedy="set XDG_STATE_HOME to a folder of your own",
         ) from None
-    if above & stat.S_IWOTH and not above & stat.S_ISVTX:
+    if parent_mode & stat.S_IWOTH and not parent_mode & stat.S_ISVTX:
         raise StateError(
             f"{path.parent} can be written by every user",
             code="state.open-folder",
@@ -176,9 +179,9 @@ def _create(path: Path) -> None:
         )
 
 
-def _check(status: os.stat_result, path: Path, common: bool) -> None:
+def _check_permissions(status: os.stat_result, path: Path, is_shared: bool) -> None:
     mode = stat.S_IMODE(status.st_mode)
-    if not common:
+    if not is_shared:
         if status.st_uid != os.geteuid():
             raise StateError(
                 f"{path} belongs to user {status.st_uid}",

@@ -1,4 +1,4 @@
-"""Signals that end the program, held back while it switches everything off."""
+"""Signals that end the program, delayed while it switches everything off."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from contextlib import contextmanager
 
 from eldir.errors import EldirError, report
 
-_ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
+_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 
 
 class StoppedError(EldirError):
@@ -22,32 +22,34 @@ class StoppedError(EldirError):
         super().__init__(reason, remedy="everything was switched off")
 
 
-def _heard(number: signal.Signals) -> bool:
-    """Whether a signal is handled. A program started with nohup ignores a closed terminal."""
+def _is_handled(number: signal.Signals) -> bool:
+    """Whether to handle a signal: a program that was started with nohup ignores a closed terminal."""
     return number != signal.SIGHUP or signal.getsignal(number) is not signal.SIG_IGN
 
 
-class Stop:
-    """Converts signals to exceptions while the player runs, never while it switches everything off."""
+class StopSignals:
+    """Converts signals to exceptions during a run, but not while it switches everything off."""
 
     def __init__(self) -> None:
-        self._asked: int | None = None
-        self._heeding = False
+        self._received: int | None = None
+        self._is_raising = False
 
     @contextmanager
-    def caught(self) -> Iterator[None]:
-        """Handle the signals that would end the program; one outside `heeded` is raised at the end.
+    def handled(self) -> Iterator[None]:
+        """Handle the signals that would end the program; one outside of `raising` is raised at the end.
 
-        An error is printed here, before the handlers are as before: a repeated signal can then only shorten
-        what follows, such as the end of the log.
+        An error is printed before the handlers are restored: a repeated signal then only interrupts what
+        follows, such as the end of the log.
         """
-        if threading.current_thread() is not threading.main_thread():  # which alone may handle signals
+        if (
+            threading.current_thread() is not threading.main_thread()
+        ):  # only the main thread may handle signals
             yield
             return
-        before = {s: signal.signal(s, self._on_signal) for s in _ENDING if _heard(s)}
+        before = {s: signal.signal(s, self._on_signal) for s in _SIGNALS if _is_handled(s)}
         try:
             yield
-            self._raise_if_asked()
+            self._raise_received()
         except BaseException as error:
             report(error)
             raise
@@ -56,36 +58,36 @@ class Stop:
                 signal.signal(number, handler)
 
     @contextmanager
-    def heeded(self) -> Iterator[None]:
+    def raising(self) -> Iterator[None]:
         """Raise a signal as soon as it comes, but only the first."""
-        self._raise_if_asked()
-        self._heeding = True
+        self._raise_received()
+        self._is_raising = True
         try:
             yield
         finally:
-            self._heeding = False
+            self._is_raising = False
 
     def _on_signal(self, number: int, _frame: object) -> None:
-        first = self._asked is None
-        self._asked = self._asked or number
-        if first and self._heeding:
-            self._raise_if_asked()
+        first = self._received is None
+        self._received = self._received or number
+        if first and self._is_raising:
+            self._raise_received()
 
-    def _raise_if_asked(self) -> None:
-        if self._asked == signal.SIGINT:
+    def _raise_received(self) -> None:
+        if self._received == signal.SIGINT:
             raise KeyboardInterrupt
-        if self._asked is not None:
-            raise StoppedError(f"stopped by {signal.Signals(self._asked).name}")
+        if self._received is not None:
+            raise StoppedError(f"stopped by {signal.Signals(self._received).name}")
 
 
 @contextmanager
 def signals_as_errors() -> Iterator[None]:
-    """SIGTERM and a closed terminal raise an error, as Ctrl-C does: files are closed, and the status is 1."""
+    """Raise an error at SIGTERM and a closed terminal, as at Ctrl-C: files are closed, the status is 1."""
 
     def on_signal(number: int, _frame: object) -> None:
         raise EldirError(f"stopped by {signal.Signals(number).name}")
 
-    before = {s: signal.signal(s, on_signal) for s in (signal.SIGTERM, signal.SIGHUP) if _heard(s)}
+    before = {s: signal.signal(s, on_signal) for s in (signal.SIGTERM, signal.SIGHUP) if _is_handled(s)}
     try:
         yield
     finally:

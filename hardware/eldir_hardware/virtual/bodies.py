@@ -1,14 +1,18 @@
-"""The robot on the virtual rig, moved by the physics that the rig file names."""
+"""The robot on the virtual rig, moved by the physics that the rig file names, here or in a worker process."""
 
 from __future__ import annotations
 
+import signal
 from dataclasses import replace
 from importlib.util import find_spec
-from typing import Literal
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from typing import Any, Literal
 
 import numpy as np
 
 from eldir.core.records import FloatArray
+from eldir.errors import EldirError, divergence_error
 from eldir.morphology import Morphology
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
@@ -26,7 +30,7 @@ def virtual_body(
     ballast: FloatArray,
     built: BuiltParameters | None = None,
 ) -> DrivenBody:
-    """The robot of a design, which deviates from the nominal one by the seed.
+    """The robot of a design, with deviations from the nominal one by the seed.
 
     `ballast` [kg] on each mass, both faces together, shape (M,); `built`: parameters of the robot, else by
     `seed`. Raises `MissingDependencyError` where the physics is not installed.
@@ -35,52 +39,171 @@ def virtual_body(
         from eldir_hardware.virtual.mujoco_body import MujocoBody
 
         return MujocoBody(morphology, seed, springs, ballast, built)
-    from eldir_hardware.virtual.body import BuiltBody
-
-    return BuiltBody(morphology, seed, springs, ballast / 2, built)
+    return EngineBody(morphology, seed, springs, ballast / 2, built)
 
 
-def best_physics() -> Physics:
+def default_physics() -> Physics:
     """MuJoCo where it is installed: the prediction and the filmed robot then share no simulation."""
     return "mujoco" if find_spec("mujoco") else "eldir"
 
 
-def physics_name(physics: Physics) -> str:
+def physics_version(physics: Physics) -> str:
     """The program that moves the robot, with its version."""
     if physics == "mujoco":
-        from eldir_hardware.virtual.mujoco_body import engine_name
+        from eldir_hardware.virtual.mujoco_body import mujoco_version
 
-        return engine_name()
+        return mujoco_version()
     from eldir.core.version import __version__
 
     return f"eldir {__version__}"
 
 
-def far_from(nominal: RobotParameters, seed: int) -> RobotParameters:
-    """A robot far from the nominal one, which an identification on a virtual rig has to find: springs and
-    friction 10 to 50 per cent off, everything else as printed robots differ.
+def sample_large_spread(nominal: RobotParameters, seed: int) -> RobotParameters:
+    """A robot far from the nominal one, for an identification on a virtual rig: springs and friction differ
+    by 10 to 50 per cent, everything else as printed robots differ.
 
-    Free lengths are off by 10 to 30 per cent and the current by 10 to 25: with more, the robot would fall or
+    Free lengths differ by 10 to 30 per cent and the current by 10 to 25: with more, the robot would fall or
     stand still.
     """
     rng = np.random.default_rng([seed, 4])
 
-    def off(least: float, most: float) -> float:
-        return float(1 + rng.choice([-1, 1]) * rng.uniform(least, most))
+    def factor(min_change: float, max_change: float) -> float:
+        return float(1 + rng.choice([-1, 1]) * rng.uniform(min_change, max_change))
 
     built, springs = nominal.printed, nominal.springs
-    soft, apart = off(0.1, 0.5), float(rng.uniform(0.9, 1.1))
+    stiffness, hot_to_cold = factor(0.1, 0.5), float(rng.uniform(0.9, 1.1))
     built = replace(
-        built.perturbed(rng),
-        friction=built.friction * off(0.1, 0.5),
-        cold_stiffness=built.cold_stiffness * soft,
-        hot_stiffness=built.hot_stiffness * soft * apart,
+        built.perturb(rng),
+        friction=built.friction * factor(0.1, 0.5),
+        cold_stiffness=built.cold_stiffness * stiffness,
+        hot_stiffness=built.hot_stiffness * stiffness * hot_to_cold,
     )
     springs = replace(
-        springs.perturbed(rng),
-        cold_length=springs.cold_length * off(0.1, 0.3),
-        hot_length=springs.hot_length * off(0.1, 0.2),
-        current_limit=springs.current_limit * off(0.1, 0.25),
-        convection_fan=springs.convection_fan * off(0.1, 0.4),
+        springs.perturb(rng),
+        cold_length=springs.cold_length * factor(0.1, 0.3),
+        hot_length=springs.hot_length * factor(0.1, 0.2),
+        current_limit=springs.current_limit * factor(0.1, 0.25),
+        convection_fan=springs.convection_fan * factor(0.1, 0.4),
     )
     return RobotParameters(built, springs)
+
+
+class EngineBody:
+    """One plane of the robot on the table, simulated step by step by eldir's engine."""
+
+    def __init__(
+        self,
+        morphology: Morphology,
+        seed: int,
+        springs: SpringParameters,
+        ballast: float | FloatArray = 0.0,
+        built: BuiltParameters | None = None,
+    ):
+        """`ballast` [kg] of this plane, as in `build`; `built`: parameters of the robot, else by `seed`."""
+        from eldir.built.robot import build  # the engine takes seconds to import
+
+        rng = np.random.default_rng([seed, 2])
+        own = BuiltParameters().perturb(rng) if built is None else built
+        self._robot = build(morphology, own, ballast=ballast, rng=rng)
+        self._free = (springs.cold_length, springs.hot_length)
+        self._lengths = np.full((1, morphology.motors), springs.cold_length)
+        self._state: FloatArray | None = None
+        self.remark = ""  # strips and coils have no width here: nothing overlaps
+        self.springs = morphology.springs
+        self.positions = self._robot.positions
+
+    def move(self, lengths: FloatArray, interval: float) -> None:
+        """Move by free lengths [m] given every `interval` [s], shape (steps, motors)."""
+        from eldir.built.motion import OK, drive
+
+        table = np.concatenate([self._lengths, lengths[:, : self._lengths.shape[1]]])
+        states = None if self._state is None else [self._state]
+        (motion,) = drive(
+            [self._robot], [table], interval, states=states, every=len(lengths), free=self._free
+        )
+        if motion.status != OK:
+            raise divergence_error("the virtual robot's body")
+        self._state = motion.state
+        self._lengths = table[-1:]
+        self.positions = motion.positions[-1]
+
+
+class BodyProcess:
+    """A `DrivenBody` of the virtual rig in a worker process: its engine would block the threads of this one.
+
+    It is ready when the constructor returns.
+    """
+
+    def __init__(
+        self,
+        physics: Physics,
+        morphology: Morphology,
+        seed: int,
+        springs: SpringParameters,
+        ballast: FloatArray,
+        built: BuiltParameters | None = None,
+    ):
+        """The robot of `virtual_body`, with the same parameters and errors."""
+        context = get_context("spawn")
+        self._connection, other = context.Pipe()
+        self._process = context.Process(
+            target=_serve, args=(other, physics, morphology, seed, springs, ballast, built), daemon=True
+        )
+        self._process.start()
+        other.close()
+        self.remark = ""
+        self.springs, self.positions = self._receive()
+
+    def move(self, lengths: FloatArray, interval: float) -> None:
+        """Move by the active springs' free lengths [m] given every `interval` [s], shape (steps, motors)."""
+        self._connection.send((lengths, interval))
+        self.positions, self.remark = self._receive()
+
+    def close(self) -> None:
+        """End the worker process."""
+        self._process.kill()
+        self._process.join()
+        self._connection.close()
+
+    def __enter__(self) -> BodyProcess:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _receive(self) -> Any:
+        try:
+            reply = self._connection.recv()
+        except (EOFError, ConnectionError):
+            raise EldirError("the virtual robot's process died") from None
+        if isinstance(reply, EldirError):
+            raise reply
+        return reply
+
+
+def _serve(
+    connection: Connection,
+    physics: Physics,
+    morphology: Morphology,
+    seed: int,
+    springs: SpringParameters,
+    ballast: FloatArray,
+    built: BuiltParameters | None,
+) -> None:
+    from eldir.core import program_log
+
+    program_log.configure("virtual robot")
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends this process
+    try:
+        # Another body moves for a moment: the engine compiles now.
+        spare = virtual_body(physics, morphology, seed, springs, ballast, built)
+        spare.move(np.full((1, morphology.motors), springs.cold_length), 0.05)
+        body = virtual_body(physics, morphology, seed, springs, ballast, built)
+        connection.send((body.springs, body.positions))
+        while True:
+            body.move(*connection.recv())
+            connection.send((body.positions, body.remark))
+    except EOFError:
+        return
+    except EldirError as error:
+        connection.send(error)

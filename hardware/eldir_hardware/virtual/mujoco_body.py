@@ -13,22 +13,22 @@ import numpy as np
 
 from eldir.core.arguments import require_value
 from eldir.core.records import FloatArray
-from eldir.errors import MissingDependencyError, blown_up
+from eldir.errors import MissingDependencyError, divergence_error
 from eldir.morphology import Morphology
 from eldir.parameters.printed import BuiltParameters
-from eldir.parameters.robot import drawn_feet
+from eldir.parameters.robot import sample_feet
 from eldir.parameters.springs import SpringParameters
-from eldir_cad.checks.contacts import point_distance
-from eldir_cad.kit.defaults import PRINTER
+from eldir_cad.checks._contacts import point_distance
+from eldir_cad.kit import PRINTER
 from eldir_cad.kit.printer import load_printer
 from eldir_cad.kit.specification import Specification, load_specification
-from eldir_cad.multibody.mjcf import mjcf
-from eldir_cad.multibody.model import Multibody, multibody
+from eldir_cad.multibody.mjcf import mjcf_text
+from eldir_cad.multibody.model import Multibody, build_multibody
 
 TILT_SCATTER = np.deg2rad(0.2)
 """Standard deviation of the table's slope [rad]: a table that was levelled with a bubble."""
-_BLOWN = 1e3  # speed beyond which the simulation has failed [m/s, rad/s]; MuJoCo itself goes on to 1e10
-_COMMANDS = 1e-3
+_MAX_SPEED = 1e3  # speed beyond which the simulation has failed [m/s, rad/s]; MuJoCo itself goes on to 1e10
+_COMMAND_INTERVAL = 1e-3
 """Free lengths are set this often [s]."""
 
 
@@ -45,26 +45,26 @@ class MujocoBody:
     ):
         """`ballast` [kg] on each hub, both faces together; `built`: parameters of the robot, else by `seed`.
 
-        The seed gives the same masses, stiffnesses and strips as `BuiltBody` has with it. Each
+        The seed gives the same masses, stiffnesses and strips as `EngineBody` has with it. Each
         foot's friction and the table's slope are drawn in addition. Raises `MissingDependencyError` without
         MuJoCo.
         """
-        model = drawn_multibody(morphology, seed, ballast, built)
-        self._motion = MujocoMotion(model, (springs.cold_length, springs.hot_length))
+        model = sample_multibody(morphology, seed, ballast, built)
+        self.motion = MujocoMotion(model, (springs.cold_length, springs.hot_length))
         self._lengths = np.full((1, morphology.motors), springs.cold_length)
-        self._overlap, self._time = Overlap(morphology, load_specification()), 0.0
+        self._overlap_check, self._time = OverlapCheck(morphology, load_specification()), 0.0
         self.remark = ""
         self.springs = morphology.springs
-        self.positions = self._motion.positions
+        self.positions = self.motion.positions
 
     def move(self, lengths: FloatArray, interval: float) -> None:
         """Follow free lengths given every `interval` [s], shape (steps, motors)."""
         table = np.concatenate([self._lengths, lengths[:, : self._lengths.shape[1]]])
-        self._motion.follow(table, interval)
+        self.motion.follow(table, interval)
         self._lengths = table[-1:]
-        self.positions = self._motion.positions
+        self.positions = self.motion.positions
         self._time += len(lengths) * interval
-        if not self.remark and (parts := self._overlap.first(self.positions)):
+        if not self.remark and (parts := self._overlap_check.worst_pair(self.positions)):
             self.remark = f"{parts} pass through each other, first {self._time:.1f} s after power-on"
 
 
@@ -73,9 +73,10 @@ class MujocoMotion:
 
     def __init__(self, model: Multibody, free: tuple[float, float]):
         """`free`: cold and hot free length [m], between which the stiffness goes from cold to hot."""
-        engine = _mujoco()
-        self._engine, self._multibody, self._free = engine, model, free
-        self.model = engine.MjModel.from_xml_string(mjcf(model))
+        self.engine = engine = _mujoco()
+        """The module mujoco."""
+        self.multibody_model, self._free = model, free
+        self.model = engine.MjModel.from_xml_string(mjcf_text(model))
         """The compiled model (mujoco.MjModel)."""
         self.data = engine.MjData(self.model)
         """Its state (mujoco.MjData)."""
@@ -99,12 +100,12 @@ class MujocoMotion:
         simulation blows up.
         """
         step = self.model.opt.timestep
-        total, steps = round(interval / step), max(1, round(_COMMANDS / step))
+        total, steps = round(interval / step), max(1, round(_COMMAND_INTERVAL / step))
         whole = total >= 1 and abs(total * step - interval) <= 1e-6 * interval
         require_value("interval", whole, f"a multiple of the step, n x {step:g} s", f"{interval:g} s")
         steps = steps if total % steps == 0 else 1
         commands = total // steps
-        wanted, forces = self._multibody.coil_commands(lengths, self._free)
+        wanted, forces = self.multibody_model.coil_commands(lengths, self._free)
         for before in range(len(lengths) - 1):
             for command in range(commands):
                 part = (command + 0.5) / commands
@@ -112,9 +113,9 @@ class MujocoMotion:
                     wanted[before] + part * (wanted[before + 1] - wanted[before]),
                     forces[before] + part * (forces[before + 1] - forces[before]),
                 )
-                self._engine.mj_step(self.model, self.data, steps)
-                if not np.abs(self.data.qvel).max(initial=0.0) < _BLOWN:
-                    raise blown_up("the virtual robot's body")
+                self.engine.mj_step(self.model, self.data, steps)
+                if not np.abs(self.data.qvel).max(initial=0.0) < _MAX_SPEED:
+                    raise divergence_error("the virtual robot's body")
 
     def _command(self, lengths: FloatArray, stiffness: FloatArray) -> None:
         self.data.ctrl[:] = lengths
@@ -122,7 +123,7 @@ class MujocoMotion:
         self.model.actuator_biasprm[:, 1] = -stiffness
 
 
-def drawn_multibody(
+def sample_multibody(
     morphology: Morphology,
     seed: int,
     ballast: FloatArray | None = None,
@@ -130,22 +131,22 @@ def drawn_multibody(
 ) -> Multibody:
     """The robot that a seed gives, as `MujocoBody` has it; it needs no MuJoCo."""
     rng = np.random.default_rng([seed, 2])
-    own = BuiltParameters().perturbed(rng) if built is None else built
+    own = BuiltParameters().perturb(rng) if built is None else built
     strips = own.geometry * rng.standard_normal(len(morphology.springs))
     further = np.random.default_rng([seed, 6])
-    return multibody(
+    return build_multibody(
         morphology,
         load_specification(),
         load_printer(PRINTER),
         own,
         ballast=ballast,
-        strips=strips,
-        feet=drawn_feet(len(morphology.positions), further),
+        strip_extensions=strips,
+        friction_factors=sample_feet(len(morphology.positions), further),
         tilt=float(TILT_SCATTER * further.standard_normal()),
     )
 
 
-def engine_name() -> str:
+def mujoco_version() -> str:
     """MuJoCo with its version. Raises `MissingDependencyError` without it."""
     return f"MuJoCo {_mujoco().__version__}"
 
@@ -161,20 +162,21 @@ def _mujoco() -> Any:
     return mujoco
 
 
-class Overlap:
+class OverlapCheck:
     """All pairs of a hub and a spring that it does not hold: parts that may pass through each other as a
     robot moves, since MuJoCo sees hubs, but neither strips nor coils."""
 
     def __init__(self, morphology: Morphology, spec: Specification):
         self._ends = morphology.springs
         hub, spring = np.indices((len(morphology.positions), len(self._ends))).reshape(2, -1)
-        apart = (self._ends[spring] != hub[:, None]).all(axis=1)
-        self._hub, self._spring = hub[apart], spring[apart]
+        separate = (self._ends[spring] != hub[:, None]).all(axis=1)
+        self._hub, self._spring = hub[separate], spring[separate]
         thick = np.where(morphology.active, spec.coil.outer_diameter, spec.strip.thickness)
         self._reach = 1e-3 * (spec.mass.across_flats + thick[self._spring]) / 2
 
-    def first(self, positions: FloatArray) -> str | None:
-        """The pair that overlaps most, in words, with the hubs' centres at `positions` [m], shape (M, 2)."""
+    def worst_pair(self, positions: FloatArray) -> str | None:
+        """Description of the pair that overlaps most with the hubs' centres at `positions` [m], shape (M, 2);
+        None without overlap."""
         if not len(self._hub):
             return None
         a, b = positions[self._ends[self._spring]].transpose(1, 0, 2)

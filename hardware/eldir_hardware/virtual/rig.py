@@ -17,13 +17,12 @@ from eldir.core.records import FloatArray, IntArray
 from eldir.errors import InputError
 from eldir.parameters.springs import SpringParameters
 from eldir_hardware.clock import VirtualClock, WallClock
+from eldir_hardware.current_sensor import CurrentSensor
 from eldir_hardware.emulator.board import EmulatedBoard
-from eldir_hardware.emulator.current_sensor import EmulatedCurrentSensor
+from eldir_hardware.emulator.current_sensor import EmulatedCurrentSensor, Shunts
 from eldir_hardware.relay.board import RelayBoard
-from eldir_hardware.rig.boards import driver_of, emulator_of
 from eldir_hardware.rig.configuration import Rig
-from eldir_hardware.rig.sensors import sensor_of
-from eldir_hardware.sensor.driver import CurrentSensor
+from eldir_hardware.rig.devices import connect_sensor, get_driver, get_emulator
 from eldir_hardware.virtual.springs import STEP, ThermalSprings
 
 
@@ -46,7 +45,8 @@ class DrivenBody(Protocol):
     positions: FloatArray
     """Current positions of the masses [m], shape (M, 2)."""
     remark: str
-    """What a real robot could not have done, such as parts that pass through each other; empty if nothing."""
+    """A remark on motion that is impossible for a real robot, such as parts that pass through each other;
+    else empty."""
 
     def move(self, lengths: FloatArray, interval: float) -> None:
         """Follow free lengths of the active springs given every `interval` [s], shape (steps, motors)."""
@@ -75,7 +75,7 @@ class VirtualRig:
         """The schedule's start on the clock [s]; frames count from it."""
         self._rig = rig
         self._body = body
-        self._moving = threading.Lock()
+        self._body_lock = threading.Lock()
         self._closed = threading.Event()
         self._failure: Exception | None = None
         self._watchers: list[threading.Thread] = []
@@ -83,23 +83,23 @@ class VirtualRig:
         deviations = np.random.default_rng([rig.virtual.seed, 3])
         self.springs = ThermalSprings(
             [c.channel for c in rig.channels],
-            [nominal.perturbed(deviations) for _ in rig.channels],
+            [nominal.perturb(deviations) for _ in rig.channels],
             self.clock.now(),
             rig.cutoff_s,
         )
         # The body lies in one plane: its springs follow the mean of both faces.
-        self._faces = np.array([[c.spring == motor for c in rig.channels] for motor in range(rig.motors)])
+        self._face_mask = np.array([[c.spring == motor for c in rig.channels] for motor in range(rig.motors)])
 
     def open(self) -> None:
         """Power the emulated board on; on a virtual clock, connect its driver."""
         kind, channels = self._rig.board.kind, self._rig.board.channels
-        self.emulator = emulator_of(kind)(channels, self.clock, self.springs.on_edge)
+        self.emulator = get_emulator(kind)(channels, self.clock, self.springs.on_contact_event)
         self.emulator.start()
         self._open_sensor()
         if isinstance(self.clock, VirtualClock):
-            self.board = driver_of(kind)(self.emulator.port, channels, self.clock)
+            self.board = get_driver(kind)(self.emulator.port, channels, self.clock)
             # Bytes arrive in no virtual time: the board acts on them before time moves on.
-            self.clock.before_moving(lambda: self.emulator.wait_for_bytes(self.board.bytes_written))
+            self.clock.add_barrier(lambda: self.emulator.wait_for_bytes(self.board.bytes_written))
 
     @property
     def sensor_port(self) -> str | None:
@@ -113,16 +113,14 @@ class VirtualRig:
         self.emulated_sensor = emulated = EmulatedCurrentSensor(
             entry.kind,
             self._rig.measured_channels,
-            self.springs.electric,
+            self.springs.current_and_voltage,
             clock,
-            shunt=entry.shunt_ohm,
-            shunt_tolerance=entry.shunt_tolerance,
-            lead=entry.lead_ohm,
-            seed=self._rig.virtual.seed,
+            Shunts(entry.shunt_ohm, entry.shunt_tolerance, entry.lead_ohm),
+            self._rig.virtual.seed,
         )
         emulated.start()
         if isinstance(clock, VirtualClock):
-            self.sensor = sensor_of(self._rig, emulated.port, clock)
+            self.sensor = connect_sensor(self._rig, emulated.port, clock)
 
     def close(self) -> None:
         """Power off. Raises the error of a `watch` that failed."""
@@ -144,23 +142,24 @@ class VirtualRig:
 
     def frame(self, t: float) -> BodyFrame:
         """Advance springs and body to `t` on the clock, and return the body's positions."""
-        with self._moving:
+        with self._body_lock:
             lengths = self.springs.advance(t)
             if len(lengths):
-                self._body.move(lengths @ self._faces.T / self._faces.sum(axis=1), STEP)
+                self._body.move(lengths @ self._face_mask.T / self._face_mask.sum(axis=1), STEP)
             return BodyFrame(t - self.start, self._body.positions.copy(), self._body.springs)
 
-    def watch(self, rate: float, see: Callable[[BodyFrame], None]) -> None:
-        """Call `see` with a frame `rate` times a second of the rig's time, from `start` until the end."""
+    def watch(self, rate: float, on_frame: Callable[[BodyFrame], None]) -> None:
+        """Call `on_frame` with a frame `rate` times a second of the rig's time, from `start` until the
+        end."""
         if isinstance(self.clock, VirtualClock):
-            self._watch_virtual(self.clock, rate, see, 0)
+            self._schedule_frames(self.clock, rate, on_frame, 0)
         else:
-            thread = threading.Thread(target=self._watch_wall, args=(rate, see), name="virtual body")
+            thread = threading.Thread(target=self._run_frames, args=(rate, on_frame), name="virtual body")
             self._watchers.append(thread)
             thread.start()
 
     def stop_watching(self) -> None:
-        """Stop calling `see`. Raises the error of a call that failed."""
+        """Stop calling `on_frame`. Raises the error of a call that failed."""
         self._closed.set()
         while self._watchers:
             self._watchers.pop().join()
@@ -168,23 +167,23 @@ class VirtualRig:
         if failure is not None:
             raise failure
 
-    def _watch_virtual(
-        self, clock: VirtualClock, rate: float, see: Callable[[BodyFrame], None], number: int
+    def _schedule_frames(
+        self, clock: VirtualClock, rate: float, on_frame: Callable[[BodyFrame], None], number: int
     ) -> None:
-        def due(t: float) -> None:
+        def deliver(t: float) -> None:
             if not self._closed.is_set():
-                see(self.frame(t))
-                self._watch_virtual(clock, rate, see, number + 1)
+                on_frame(self.frame(t))
+                self._schedule_frames(clock, rate, on_frame, number + 1)
 
-        clock.at(self.start + number / rate, due)
+        clock.call_at(self.start + number / rate, deliver)
 
-    def _watch_wall(self, rate: float, see: Callable[[BodyFrame], None]) -> None:
+    def _run_frames(self, rate: float, on_frame: Callable[[BodyFrame], None]) -> None:
         number = 0
         try:
             while not self._closed.is_set():
                 t = self.start + number / rate
                 self.clock.sleep_until(t)
-                see(self.frame(t))
+                on_frame(self.frame(t))
                 number = max(number + 1, math.ceil((self.clock.now() - self.start) * rate))  # missed ones
         except Exception as error:  # raised by `stop_watching`
             self._failure = error

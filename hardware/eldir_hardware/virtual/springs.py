@@ -28,18 +28,19 @@ class ThermalSprings:
     ):
         """`cutoff_s`: the timer in series with each channel opens after this long [s]."""
         self._column = {channel: i for i, channel in enumerate(channels)}
-        self._parameters = list(parameters)
+        self.parameters = list(parameters)
+        """Parameters of the spring on each channel."""
         self._start = start
         self._cutoff = np.inf if cutoff_s is None else cutoff_s
         self._closed_at: list[float | None] = [None] * len(channels)
-        self._since: list[tuple[float, float]] = [(0.0, 0.0)] * len(channels)  # time, power
+        self._power_since: list[tuple[float, float]] = [(0.0, 0.0)] * len(channels)  # time, power
         self._pulses: list[tuple[int, float, float, float]] = []
         self._broken: set[int] = set()
-        self.supplied = True
+        self.has_supply = True
         """Whether the heating supply is on."""
         self._lock = threading.Lock()
         self._steps = 0
-        self.peak = max(p.ambient for p in parameters)
+        self.max_temperature_c = max(p.ambient for p in parameters)
         """Highest true temperature so far [C]."""
         self.state = SpringState(np.array([p.ambient for p in parameters]), np.ones(len(parameters)))
 
@@ -48,23 +49,23 @@ class ThermalSprings:
         """The time that the springs have reached on the clock [s]."""
         return self._start + self._steps * STEP
 
-    def on_edge(self, edge: ContactEvent) -> None:
+    def on_contact_event(self, event: ContactEvent) -> None:
         """A contact moved; channels that heat nothing are ignored."""
-        column = self._column.get(edge.channel)
+        column = self._column.get(event.channel)
         if column is None:
             return
         with self._lock:
             if (closed_at := self._closed_at[column]) is not None:
-                begun, power = self._since[column]
-                self._pulses.append((column, begun, min(edge.t, closed_at + self._cutoff), power))
-            if not edge.closed:
+                begun, power = self._power_since[column]
+                self._pulses.append((column, begun, min(event.t, closed_at + self._cutoff), power))
+            if not event.closed:
                 self._closed_at[column] = None
             else:
-                self._since[column] = (edge.t, edge.power)
+                self._power_since[column] = (event.t, event.power)
                 if closed_at is None:  # a new power of a closed contact does not restart the cut-off
-                    self._closed_at[column] = edge.t
+                    self._closed_at[column] = event.t
 
-    def electric(self, channel: int, t: float) -> tuple[float, float]:
+    def current_and_voltage(self, channel: int, t: float) -> tuple[float, float]:
         """Current through a channel [A] and voltage across its spring [V] at `t`, not before `now`.
 
         A spring's resistance is that of the last step to which the springs were advanced.
@@ -74,12 +75,12 @@ class ThermalSprings:
             closed_at = self._closed_at[column]
             spans = [p[1:] for p in self._pulses if p[0] == column]
             if closed_at is not None:
-                begun, power = self._since[column]
+                begun, power = self._power_since[column]
                 spans.append((begun, closed_at + self._cutoff, power))
             part = next((power for on, off, power in spans if on <= t < off), 0.0)
-            if not self.supplied or not part:
+            if not self.has_supply or not part:
                 return 0.0, 0.0
-            spring, xi = self._parameters[column], float(self.state.martensite[column])
+            spring, xi = self.parameters[column], float(self.state.martensite[column])
             if column in self._broken:
                 return 0.0, part * spring.supply_voltage
             current = part * float(spring.current(xi))
@@ -92,34 +93,34 @@ class ThermalSprings:
     def scale_resistance(self, channel: int, factor: float) -> None:
         """From now on a spring has another resistance, such as a wrong spring or a hot clamp in series."""
         column = self._column[channel]
-        spring = self._parameters[column]
-        self._parameters[column] = spring.with_resistance(factor * spring.resistance)
+        spring = self.parameters[column]
+        self.parameters[column] = spring.with_resistance(factor * spring.resistance)
 
     def advance(self, t: float) -> FloatArray:
         """Advance to the last whole step before `t`; free lengths after each step [m], shape (steps, A)."""
         steps = int(np.floor((t - self._start) / STEP + 1e-6)) - self._steps
         if steps <= 0:
-            return np.empty((0, len(self._parameters)))
+            return np.empty((0, len(self.parameters)))
         with self._lock:  # edges come from the board's thread
-            share = self._closed_share(steps)
-        history = heat(share, STEP, self._parameters, self.state)
+            share = self._heating_shares(steps)
+        history = heat(share, STEP, self.parameters, self.state)
         self.state = history.final
-        self.peak = max(self.peak, float(history.temperature.max()))
+        self.max_temperature_c = max(self.max_temperature_c, float(history.temperature.max()))
         self._steps += steps
         return history.length
 
-    def _closed_share(self, steps: int) -> FloatArray:
+    def _heating_shares(self, steps: int) -> FloatArray:
         """Fraction of each of the next steps for which each spring is heated, shape (steps, A)."""
         begin = self.now + STEP * np.arange(steps)
         open_ends = [
-            (i, self._since[i][0], closed_at + self._cutoff, self._since[i][1])
+            (i, self._power_since[i][0], closed_at + self._cutoff, self._power_since[i][1])
             for i, closed_at in enumerate(self._closed_at)
             if closed_at is not None
         ]
         self._pulses = [p for p in self._pulses if p[2] > self.now]
-        share = np.zeros((steps, len(self._parameters)))
+        share = np.zeros((steps, len(self.parameters)))
         for column, on, off, power in self._pulses + open_ends:
             overlap = np.minimum(begin + STEP, off) - np.maximum(begin, on)
             share[:, column] += power * np.clip(overlap / STEP, 0.0, 1.0)
         share[:, sorted(self._broken)] = 0.0
-        return share if self.supplied else 0.0 * share
+        return share if self.has_supply else 0.0 * share

@@ -12,11 +12,10 @@ import cv2
 
 from eldir.errors import InputError
 from eldir_hardware.camera.plane import Image
-from eldir_hardware.images.codecs import quiet
-from eldir_hardware.rig.addresses import hide_password
-from eldir_hardware.rig.camera_name import CAMERA
+from eldir_hardware.images.jpeg import silence_opencv
+from eldir_hardware.rig._addresses import CAMERA_NAME, hide_password
 
-_TOO_OLD = 1.0
+_MAX_CLOCK_DIFFERENCE = 1.0
 """If a driver's clock differs from ours by more than this, its timestamps are not used [s]."""
 _STREAM_REMEDY = "check its address, and that the camera is on and in this network"
 _REMEDY = "check its cable, and what there is: ls /dev/video*"
@@ -50,13 +49,13 @@ class CameraDevice:
     def frames(self) -> Generator[tuple[float, Image]]:
         """Endless frames: time on the monotonic clock [s] (of exposure if the driver reports it, else of
         arrival), and picture. Raises `InputError` if the camera gives no picture."""
-        found = CAMERA.fullmatch(self.name)
-        assert found is not None
-        number, path, stream = found["number"], found["path"], found["stream"]
-        quiet()
+        match = CAMERA_NAME.fullmatch(self.name)
+        assert match is not None
+        number, path, stream = match["number"], match["path"], match["stream"]
+        silence_opencv()
         capture = self.open(int(number) if number else path or stream)
         try:
-            self._ask(capture)
+            self._configure(capture)
             pictures = 0
             while True:
                 good, image = capture.read()
@@ -69,12 +68,12 @@ class CameraDevice:
                         remedy=_STREAM_REMEDY if stream else _REMEDY,
                     )
                 stamp = capture.get(cv2.CAP_PROP_POS_MSEC) * 1e-3  # V4L2 stamps on the monotonic clock
-                yield stamp if not stream and abs(now - stamp) < _TOO_OLD else now, image
+                yield stamp if not stream and abs(now - stamp) < _MAX_CLOCK_DIFFERENCE else now, image
                 pictures += 1
         finally:
             capture.release()
 
-    def _ask(self, capture: Any) -> None:
+    def _configure(self, capture: Any) -> None:
         if self.size is not None:
             capture.set(cv2.CAP_PROP_FRAME_WIDTH, self.size[0])
             capture.set(cv2.CAP_PROP_FRAME_HEIGHT, self.size[1])

@@ -13,20 +13,22 @@ import numpy as np
 from eldir.core.records import FloatArray
 from eldir.errors import InputError
 from eldir.trajectory import Trajectory
-from eldir_hardware.camera.drift import DriftWatch
 from eldir_hardware.camera.plane import Image, Plane
+from eldir_hardware.camera.tags import DriftMonitor
 from eldir_hardware.log.reader import RunLog
-from eldir_hardware.markers.mark_sheet import PALETTE, nominal_bgr
-from eldir_hardware.markers.registration import DEFAULT, marker_kind
+from eldir_hardware.markers.registration import DEFAULT_KIND, PALETTE, load_kind, nominal_bgr
 from eldir_hardware.markers.tracker import MarkerTracker
-from eldir_hardware.vision.recording_setup import attached_layout, attached_marker, recorded_plane
+from eldir_hardware.vision.recording_setup import find_recorded_plane, read_attached_layout, read_marker_kind
 from eldir_hardware.vision.sources import LoggedFrames
 from eldir_hardware.vision.tracking_quality import TrackingQuality
 
 _ZOOM = 2  # of the overlay
-_LABEL = (18.0, 10.0)  # room of a mark's name on the overlay [px]
-_DARK, _COLOURLESS = 100, 12  # brightest pixel, and largest difference of a pixel's colours [grey levels]
-_COARSE = 24  # only every n-th row is compared first; this distinguishes most pictures
+_LABEL_SIZE = (18.0, 10.0)  # room of a marker's name on the overlay [px]
+_MIN_BRIGHTNESS, _MIN_COLOUR_RANGE = (
+    100,
+    12,
+)  # brightest pixel, and largest difference of a pixel's colours [grey levels]
+_COARSE_ROWS = 24  # only every n-th row is compared first; this distinguishes most pictures
 
 
 @dataclass(frozen=True)
@@ -34,72 +36,72 @@ class TrackingResult:
     """Result of tracking a source."""
 
     trajectory: Trajectory
-    """Positions of the marks; gaps of up to half a second are bridged and flagged."""
+    """Positions of the markers; gaps of up to half a second are interpolated and flagged."""
     quality: TrackingQuality
-    last: Image
+    last_frame: Image
     """The last frame, for the overlay."""
 
 
-def follow(
+def track_frames(
     source: Iterable[tuple[float, Image]],
     plane: Plane,
     names: tuple[str, ...] = tuple(PALETTE),
     layout: FloatArray | None = None,
     progress: Callable[[int], None] = lambda frames: None,
-    marker: str = DEFAULT,
+    marker: str = DEFAULT_KIND,
 ) -> TrackingResult:
-    """Track the marks in every frame of a source, and rate the result.
+    """Track the markers in every frame of a source.
 
-    `layout` (K, 2) [m]: places of the marks in the design. `progress` is called with the number of finished
+    `layout` (K, 2) [m]: places of the markers in the design. `progress` is called with the number of finished
     frames. `marker`: the kind of marker. A frame that is not later than the one before is left out. Raises
-    `InputError` if the marks were never seen together or cannot be told from others, or the camera moved.
+    `InputError` if no frame shows all markers, if they are ambiguous, or if the camera moved.
     """
-    tracker = marker_kind(marker).tracker(plane, names, layout)
-    watch = None if plane.board is None else DriftWatch(plane, plane.board)
-    repeated = _Repetitions()
+    tracker = load_kind(marker).tracker(plane, names, layout)
+    drift = None if plane.board is None else DriftMonitor(plane, plane.board)
+    duplicates = _DuplicateFrames()
     times: list[float] = []
     positions: list[FloatArray] = []
     sizes: list[FloatArray] = []
-    last = np.zeros((*plane.size[::-1], 3), np.uint8)
+    last_frame = np.zeros((*plane.size[::-1], 3), np.uint8)
     for t, image in source:
-        if not repeated.is_later(t, image):
+        if not duplicates.is_later(t, image):
             continue
         times.append(t)
         positions.append(tracker.update(image, t))
         sizes.append(tracker.sizes)
-        if watch is not None:
-            watch.look(image, t)
-        last = image
+        if drift is not None:
+            drift.check(image, t)
+        last_frame = image
         progress(len(times))
     if not tracker.acquired:
-        raise _not_all_seen(tracker, len(times), last)
+        raise _undetected_error(tracker, len(times), last_frame)
     motion = Trajectory(names, np.array(times), np.array(positions)).bridge()
     quality = TrackingQuality.of(
         motion,
         np.array(sizes),
         tracker.relative_size_error,
-        repeated.times,
-        repeated.pictures,
-        math.nan if watch is None else watch.worst,
+        duplicates.times,
+        duplicates.pictures,
+        math.nan if drift is None else drift.max_shift,
         tuple(tracker.notes),
     )
-    return TrackingResult(motion, quality, last)
+    return TrackingResult(motion, quality, last_frame)
 
 
-def _not_all_seen(tracker: MarkerTracker[Any], frames: int, last: Image) -> InputError:
-    """The error for a source that never shows all marks together, with its cause as far as it is known."""
-    missing = f"none like {', '.join(tracker.unseen)}"
-    found = missing if tracker.unseen else "none that can be on one body together"
-    remedy = "uncover them, light them evenly, and give the number of marks with --marks"
-    if last.max(initial=0) < _DARK:
+def _undetected_error(tracker: MarkerTracker[Any], frames: int, last_frame: Image) -> InputError:
+    """The error for a source that never shows all markers together, with its cause as far as it is known."""
+    missing = f"none like {', '.join(tracker.undetected)}"
+    found = missing if tracker.undetected else "none that can be on one body together"
+    remedy = "uncover them, light them evenly, and give the number of markers with --marks"
+    if last_frame.max(initial=0) < _MIN_BRIGHTNESS:
         remedy = "the pictures are dark: give more light, or a longer exposure"
-    elif tracker.is_coloured and np.ptp(last, axis=2).max(initial=0) < _COLOURLESS:
+    elif tracker.is_coloured and np.ptp(last_frame, axis=2).max(initial=0) < _MIN_COLOUR_RANGE:
         remedy = "the pictures have no colours: film in colour, or use numbered squares (marker: aruco)"
     elif tracker.notes:
         found = "; ".join([found, *tracker.notes])
         remedy = tracker.remedy
     return InputError(
-        "no frame shows all marks",
+        "no frame shows all markers",
         code="marks.not-seen",
         expected=f"{', '.join(tracker.names)} {tracker.appearance} in "
         + (f"one of the {frames} frames" if frames > 1 else "the only frame"),
@@ -108,31 +110,26 @@ def _not_all_seen(tracker: MarkerTracker[Any], frames: int, last: Image) -> Inpu
     )
 
 
-def track_discs(
-    source: Iterable[tuple[float, Image]],
-    plane: Plane,
-    names: tuple[str, ...] = tuple(PALETTE),
-    layout: FloatArray | None = None,
-    progress: Callable[[int], None] = lambda frames: None,
-) -> Trajectory:
-    """Only the trajectory of discs; see `follow`."""
-    return follow(source, plane, names, layout, progress).trajectory
-
-
 def track_log(log: RunLog) -> Trajectory:
     """Track the frames of a log again, with its own tags and design."""
     source = LoggedFrames(log)
-    layout = attached_layout(source)
+    layout = read_attached_layout(source)
     names = tuple(PALETTE)[: None if layout is None else len(layout)]
-    return follow(source, recorded_plane(source), names, layout, marker=attached_marker(source)).trajectory
+    return track_frames(
+        source,
+        find_recorded_plane(source),
+        names,
+        layout,
+        marker=read_marker_kind(source.attachments, source.name),
+    ).trajectory
 
 
-def overlay(image: Image, plane: Plane, trajectory: Trajectory) -> bytes:
-    """A picture (PNG) to check the result: paths of the marks, their names, the ground and a scale."""
+def draw_overlay(image: Image, plane: Plane, trajectory: Trajectory) -> bytes:
+    """A picture (PNG) to check the result: paths of the markers, their names, the ground and a scale."""
     picture = cv2.resize(image, None, fx=_ZOOM, fy=_ZOOM, interpolation=cv2.INTER_CUBIC)
 
     def line(points: FloatArray, colour: tuple[float, ...], width: int) -> None:
-        at = np.round((_on_zoomed(plane.to_pixels(points))) * 8).astype(np.int32)
+        at = np.round((_to_zoomed(plane.to_pixels(points))) * 8).astype(np.int32)
         cv2.polylines(picture, [at], False, colour, width, cv2.LINE_AA, shift=3)
 
     corners = plane.to_metres(np.array([(0, 0), (1, 0), (0, 1), (1, 1)]) * (np.array(plane.size) - 1.0))
@@ -140,8 +137,8 @@ def overlay(image: Image, plane: Plane, trajectory: Trajectory) -> bytes:
     line(np.stack([x, np.zeros_like(x)], axis=1), (255, 255, 255), 1)
     for tenth in range(int(np.ceil(x[0] * 10)), int(x[-1] * 10) + 1):
         line(np.array([[tenth / 10, 0.0], [tenth / 10, -0.008]]), (255, 255, 255), 2)
-        place = plane.to_pixels(np.array([tenth / 10, -0.02]))
-        _write(picture, f"{tenth / 10:.1f} m", place, 0.5)
+        position = plane.to_pixels(np.array([tenth / 10, -0.02]))
+        _write_text(picture, f"{tenth / 10:.1f} m", position, 0.5)
     ends: list[tuple[str, FloatArray]] = []
     for k, name in enumerate(trajectory.names):
         path = trajectory.positions[:, k]
@@ -152,44 +149,44 @@ def overlay(image: Image, plane: Plane, trajectory: Trajectory) -> bytes:
                 line(path[piece], (0, 0, 0), 4)
                 line(path[piece], colour, 2)
         if good.any():
-            last = plane.to_pixels(path[good][-1])
+            last_frame = plane.to_pixels(path[good][-1])
             cv2.drawMarker(
                 picture,
-                np.round(_on_zoomed(last)).astype(int).tolist(),
+                np.round(_to_zoomed(last_frame)).astype(int).tolist(),
                 (255, 255, 255),
                 cv2.MARKER_CROSS,
                 14,
                 1,
             )
-            ends.append((name, last + np.array([7, -5])))
-    for name, place in _apart(ends):  # above all paths
-        _write(picture, name, place, 0.6)
+            ends.append((name, last_frame + np.array([7, -5])))
+    for name, position in declutter_labels(ends):  # above all paths
+        _write_text(picture, name, position, 0.6)
     return cv2.imencode(".png", picture)[1].tobytes()
 
 
-def _apart(labels: Sequence[tuple[str, FloatArray]]) -> list[tuple[str, FloatArray]]:
-    """Labels moved down where they would cover another one [px]."""
+def declutter_labels(labels: Sequence[tuple[str, FloatArray]]) -> list[tuple[str, FloatArray]]:
+    """Labels at pixels (2,), moved down where they would cover another one [px]."""
     placed: list[tuple[str, FloatArray]] = []
     for name, at in sorted(labels, key=lambda label: label[1][1]):
-        place = at.copy()
-        while any((np.abs(place - other) < _LABEL).all() for _, other in placed):
-            place[1] += 1.0
-        placed.append((name, place))
+        position = at.copy()
+        while any((np.abs(position - other) < _LABEL_SIZE).all() for _, other in placed):
+            position[1] += 1.0
+        placed.append((name, position))
     return placed
 
 
-def _on_zoomed(pixels: FloatArray) -> FloatArray:
+def _to_zoomed(pixels: FloatArray) -> FloatArray:
     return (pixels + 0.5) * _ZOOM - 0.5
 
 
-def _write(picture: Image, text: str, pixel: FloatArray, size: float) -> None:
-    at = np.round(_on_zoomed(pixel)).astype(int).tolist()
+def _write_text(picture: Image, text: str, pixel: FloatArray, size: float) -> None:
+    at = np.round(_to_zoomed(pixel)).astype(int).tolist()
     cv2.putText(picture, text, at, cv2.FONT_HERSHEY_SIMPLEX, size, (0, 0, 0), 3, cv2.LINE_AA)
     cv2.putText(picture, text, at, cv2.FONT_HERSHEY_SIMPLEX, size, (255, 255, 255), 1, cv2.LINE_AA)
 
 
-class _Repetitions:
-    """Compares every frame with the one before, since a camera or a recorder may deliver one twice."""
+class _DuplicateFrames:
+    """Counts duplicates: a camera or a recorder may deliver a frame twice."""
 
     def __init__(self) -> None:
         self._time = -np.inf
@@ -205,9 +202,9 @@ class _Repetitions:
             self.times += 1
             return False
         before, self._image, self._time = self._image, image, t
-        self.pictures += before is not None and _same(before, image)
+        self.pictures += before is not None and _equal_pictures(before, image)
         return True
 
 
-def _same(a: Image, b: Image) -> bool:
-    return np.array_equal(a[::_COARSE], b[::_COARSE]) and np.array_equal(a, b)
+def _equal_pictures(a: Image, b: Image) -> bool:
+    return np.array_equal(a[::_COARSE_ROWS], b[::_COARSE_ROWS]) and np.array_equal(a, b)

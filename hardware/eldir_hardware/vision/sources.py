@@ -1,4 +1,4 @@
-"""Where frames come from: a camera, a video file, a folder of pictures, the log of a run."""
+"""Sources of frames: a camera, a video file, a folder of pictures, the log of a run."""
 
 from __future__ import annotations
 
@@ -10,30 +10,32 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from eldir.errors import InputError, damaged, missing, not_read
 from eldir_hardware.camera.plane import Image
 from eldir_hardware.images import jpeg
-from eldir_hardware.images.codecs import quiet
 from eldir_hardware.images.file_kind import require_video
+from eldir_hardware.images.jpeg import silence_opencv
 from eldir_hardware.images.video_reader import Video
-from eldir_hardware.log.bag import FILE as BAG
+from eldir_hardware.log.mcap_file import BAG_METADATA as BAG
 from eldir_hardware.log.messages import VIRTUAL_EPOCH
 from eldir_hardware.log.reader import RunLog, read_log
-from eldir_hardware.rig.camera_name import is_camera
+from eldir_hardware.rig._addresses import is_camera
 from eldir_hardware.vision.live import CameraDevice
 
 _logger = logging.getLogger(__name__)
 
-TIMES = "times.csv"
+TIMES_FILE = "times.csv"
 """File with the times of a folder of pictures: a line `file,t_s` for each."""
-_ADDRESS = re.compile(r"[A-Za-z]{2,}:/|camera:")
+_URL = re.compile(r"[A-Za-z]{2,}:/|camera:")
 _PICTURES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff"}
-_MIN_MOMENTS = 0.9  # different times per picture; two pictures of one time are a slip, many are no times
-_PATTERN_EVERY = 0.5  # time between the frames of a film in which a calibration pattern is looked for [s]
+_MIN_DISTINCT_TIMES = (
+    0.9  # different times per picture; two pictures of one time are a slip, many are no times
+)
+_PATTERN_INTERVAL = 0.5  # time between the frames of a film that are searched for a calibration pattern [s]
 
 
 class Source(Protocol):
@@ -60,9 +62,9 @@ def open_source(path: Path | str, rate: float | None = None, seconds: float = 10
     _logger.info("opening %s", path)
     if is_camera(str(path)):
         return CameraDevice(str(path), seconds)
-    if not str(path) or _ADDRESS.match(str(path)):
+    if not str(path) or _URL.match(str(path)):
         raise InputError(
-            f"{path} is no address of a camera" if str(path) else "the name of the source is empty",
+            f"invalid address of a camera: {path}" if str(path) else "the name of the source is empty",
             code="camera.no-address",
             expected="a path, or camera:0, /dev/video0, http://..., https://... or rtsp://...",
         )
@@ -72,26 +74,26 @@ def open_source(path: Path | str, rate: float | None = None, seconds: float = 10
     if path.is_dir() and (path / BAG).exists():
         return LoggedFrames(read_log(path))
     if path.is_dir():
-        return Folder(path, rate)
+        return PictureFolder(path, rate)
     if path.suffix == ".mcap":
         return LoggedFrames(read_log(path))
     if path.suffix.lower() in _PICTURES:
-        return Folder(path, rate)
+        return PictureFolder(path, rate)
     require_video(path)
     return Video(path, rate)
 
 
-def recorded_at(source: Source) -> datetime:
-    """When a source was recorded: by the log, by the file's date, or now for a camera."""
+def recording_time(source: Source) -> datetime:
+    """Time at which a source was recorded: from its log, from the file's date, or now for a camera."""
     if isinstance(source, LoggedFrames) and source.log.epoch_ns > VIRTUAL_EPOCH:
         return datetime.fromtimestamp(source.log.epoch_ns * 1e-9, UTC)
-    if isinstance(source, Video | Folder):
+    if isinstance(source, Video | PictureFolder):
         return datetime.fromtimestamp(source.path.stat().st_mtime, UTC)
     return datetime.now(UTC)
 
 
 @dataclass(frozen=True)
-class Folder:
+class PictureFolder:
     """Pictures in a folder, in the order of the numbers in their names, or of their times; or one picture."""
 
     path: Path
@@ -106,21 +108,21 @@ class Folder:
     @property
     def has_times(self) -> bool:
         """Whether a table gives the times."""
-        return (self.path / TIMES).exists()
+        return (self.path / TIMES_FILE).exists()
 
     def __iter__(self) -> Iterator[tuple[float, Image]]:
-        return ((t, _read(file)) for t, file in self._files())
+        return ((t, _read_picture(file)) for t, file in self._files())
 
     def pictures(self) -> Iterator[tuple[Path, Image]]:
         """File and picture, where times do not matter."""
-        return ((file, _read(file)) for _, file in self._files())
+        return ((file, _read_picture(file)) for _, file in self._files())
 
     def _files(self) -> list[tuple[float, Path]]:
         if self.path.is_file():
             return [(0.0, self.path)]
         if self.has_times:
-            return _timed(self.path / TIMES)
-        files = sorted((f for f in self.path.iterdir() if f.suffix.lower() in _PICTURES), key=_natural)
+            return _read_times(self.path / TIMES_FILE)
+        files = sorted((f for f in self.path.iterdir() if f.suffix.lower() in _PICTURES), key=_natural_order)
         if not files:
             raise InputError(
                 f"{self.path} holds no pictures",
@@ -132,14 +134,14 @@ class Folder:
             raise InputError(
                 f"the pictures in {self.path} have no timestamps",
                 code="film.no-timestamps",
-                remedy=f"give their rate, such as --rate 10, or their times in {TIMES}",
+                remedy=f"give their rate, such as --rate 10, or their times in {TIMES_FILE}",
             )
         return [(number / self.rate, file) for number, file in enumerate(files)]
 
 
-def _timed(table: Path) -> list[tuple[float, Path]]:
+def _read_times(table: Path) -> list[tuple[float, Path]]:
     """Time [s] and file of each picture that a table names, in the order of time."""
-    rows = _rows(table)
+    rows = _read_table(table)
     try:
         files = [(float(row["t_s"].replace(",", ".")), table.parent / row["file"]) for row in rows]
     except (KeyError, ValueError) as error:
@@ -149,28 +151,28 @@ def _timed(table: Path) -> list[tuple[float, Path]]:
         raise damaged(table, "a time for each picture", wrong or "no picture")
     lost = next((file for _, file in files if not file.exists()), None)
     if lost is not None:
-        raise missing(lost, f"{TIMES} names it")
-    moments = len({t for t, _ in files})
-    if moments < _MIN_MOMENTS * len(files):
+        raise missing(lost, f"{TIMES_FILE} names it")
+    distinct = len({t for t, _ in files})
+    if distinct < _MIN_DISTINCT_TIMES * len(files):
         raise InputError(
             f"{table} has wrong times",
             code="film.wrong-timestamps",
             expected="a time of its own for each picture",
-            found=f"{moments} different times of {len(files)} pictures",
+            found=f"{distinct} different times of {len(files)} pictures",
             remedy="correct them, or remove the table and give --rate",
         )
     return sorted(files, key=lambda timed: timed[0])
 
 
-def _rows(table: Path) -> list[dict[str, str]]:
-    """The rows of a table as a spreadsheet may write it: with a byte order mark, separated by commas,
+def _read_table(table: Path) -> list[dict[str, str]]:
+    """The rows of a table as a spreadsheet may write it: with a byte order marker, separated by commas,
     semicolons or tabs, with spaces around the values, and decimal commas between semicolons."""
     try:
         text = table.read_text("utf-8-sig")
     except OSError as error:
         raise not_read(table, error) from None
     except UnicodeDecodeError:
-        raise damaged(table, "a table (CSV) in UTF-8", "bytes that are no text") from None
+        raise damaged(table, "a table (CSV) in UTF-8", "binary data") from None
     lines = [line for line in text.splitlines() if line.strip()] or [""]
     separator = next((c for c in ",;\t " if c in lines[0]), ",")
     cells = [
@@ -203,8 +205,8 @@ class LoggedFrames:
         return self.log.frames
 
 
-def _read(file: Path) -> Image:
-    quiet()
+def _read_picture(file: Path) -> Image:
+    silence_opencv()
     try:
         return jpeg.decode(np.fromfile(file, np.uint8))
     except InputError:
@@ -218,20 +220,49 @@ def _read(file: Path) -> Image:
         raise not_read(file, error) from None
 
 
-def _natural(file: Path) -> list[tuple[int, int, str]]:
-    """Sorts frame9 before frame10."""
+def _natural_order(file: Path) -> list[tuple[int, int, str]]:
+    """Sort key: frame9 comes before frame10."""
     return [(0, int(p), "") if p.isdigit() else (1, 0, p) for p in re.split(r"(\d+)", file.name) if p]
 
 
-def named_pictures(frames: Source) -> Iterator[tuple[str, Image]]:
-    """Pictures in which a calibration pattern is looked for: name and picture of every photograph in a
+def calibration_pictures(frames: Source) -> Iterator[tuple[str, Image]]:
+    """Pictures that are searched for a calibration pattern: name and picture of every photograph in a
     folder, or of two frames a second of a film."""
-    if isinstance(frames, Folder):
+    if isinstance(frames, PictureFolder):
         for file, image in frames.pictures():
             yield file.name, image
         return
     due = 0.0
     for t, image in frames:
         if t >= due:
-            due = t + _PATTERN_EVERY
+            due = t + _PATTERN_INTERVAL
             yield f"the frame at {t:.1f} s", image
+
+
+class TimedPicture(NamedTuple):
+    """A picture and the time at which to show it."""
+
+    due: float
+    """Seconds since the first picture."""
+    stamp_ns: int | None
+    """The recorded stamp [ns]; None where the source has none, and the moment of showing counts."""
+    data: bytes
+    """JPEG."""
+
+
+def timed_pictures(source: str, rate: float) -> Iterator[TimedPicture]:
+    """The pictures of a camera, a video, a folder or a log, to play them at their pace; those of a log keep
+    their bytes and stamps.
+
+    `rate` [1/s] is for a folder without times. Raises `InputError` where the source cannot be read.
+    """
+    opened = open_source(source, rate, seconds=float("inf"))
+    first: float | None = None
+    if isinstance(opened, LoggedFrames):
+        for stamp, data in opened.log.pictures:
+            first = 1e-9 * stamp if first is None else first
+            yield TimedPicture(1e-9 * stamp - first, stamp, data.tobytes())
+        return
+    for t, image in opened:
+        first = t if first is None else first
+        yield TimedPicture(t - first, None, jpeg.encode(image).tobytes())

@@ -1,4 +1,4 @@
-"""How good a tracked motion is: missing frames, covered marks, motion out of the plane."""
+"""Quality of a tracked motion: missing frames, covered markers, motion out of the plane."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from pydantic import Field
 from eldir.core.records import FloatArray, Record, Rounded, record
 from eldir.trajectory import Trajectory
 
-OUT_OF_PLANE = 0.05
-"""A mark whose apparent size differs by this part from its median has left the plane."""
-_SMOOTH = 5  # frames over whose median a mark's size is smoothed
+MAX_SIZE_CHANGE = 0.05
+"""A marker whose apparent size changes by more than this share has left the plane."""
+_SMOOTHING_FRAMES = 5  # frames over whose median a marker's size is smoothed
 
 
 Number = Annotated[float, Rounded(6)]
@@ -23,7 +23,7 @@ Count = Annotated[int, Field(ge=0)]
 
 @record
 class TrackingQuality(Record):
-    """Counts and shares; for marks in the order of their names."""
+    """Counts and shares; for markers in the order of their names."""
 
     frames: Count
     """Number of frames."""
@@ -36,20 +36,20 @@ class TrackingQuality(Record):
     repeated_pictures: Count
     """Frames whose picture equals the one before: the camera or the recorder delivered it twice."""
     seen: Numbers
-    """Share of frames in which each mark was measured, marks in order."""
+    """Share of frames in which each marker was measured, markers in order."""
     bridged: Numbers
-    """Share of frames in which each mark was interpolated: it was measured shortly before and after."""
+    """Share of frames in which each marker was interpolated: it was measured shortly before and after."""
     longest_gap_s: Numbers
-    """Longest time without a measurement of each mark [s], marks in order."""
+    """Longest time without a measurement of each marker [s], markers in order."""
     size_change: Numbers
-    """Greatest relative change of each mark's apparent size from its median, marks in order; null if never
-    seen."""
+    """Greatest relative change of each marker's apparent size from its median, markers in order; null if
+    never seen."""
     size_resolution: Annotated[float, Rounded(6, ge=0)]
-    """Relative change of a mark's apparent size with its position between pixels."""
+    """Relative change of a marker's apparent size with its position between pixels."""
     camera_drift_px: Number
-    """Distance that the fixed tags moved in the picture [px]; null if there were none to watch."""
+    """Distance that the reference tags moved in the picture [px]; null if there were none to watch."""
     notes: tuple[str, ...] = ()
-    """Notes of the tracker on how it found the marks, such as other things that look like them."""
+    """Notes of the tracker on how it found the markers, such as objects that look like them."""
 
     @classmethod
     def of(
@@ -62,21 +62,21 @@ class TrackingQuality(Record):
         camera_drift_px: float = math.nan,
         notes: tuple[str, ...] = (),
     ) -> TrackingQuality:
-        """`sizes` (T, K): how large each mark appeared, in any unit; NaN where not seen."""
+        """`sizes` (T, K): how large each marker appeared, in any unit; NaN where not seen."""
         t = trajectory.times
         gaps = np.diff(t)
-        usual = float(np.median(gaps)) if len(gaps) else 0.0
+        interval = float(np.median(gaps)) if len(gaps) else 0.0
         measured = np.isfinite(trajectory.positions[..., 0]) & ~trajectory.bridged
         return cls(
             frames=len(t),
-            rate_hz=1 / usual if usual else 0.0,
-            dropped_frames=int(np.round(gaps[gaps > 1.5 * usual] / usual - 1).sum()) if usual else 0,
+            rate_hz=1 / interval if interval else 0.0,
+            dropped_frames=int(np.round(gaps[gaps > 1.5 * interval] / interval - 1).sum()) if interval else 0,
             repeated_times=repeated_times,
             repeated_pictures=repeated_pictures,
             seen=tuple(measured.mean(axis=0).tolist()),
             bridged=tuple(trajectory.bridged.mean(axis=0).tolist()),
             longest_gap_s=tuple(_longest_gap(t, column) for column in measured.T),
-            size_change=tuple(_change(column) for column in sizes.T),
+            size_change=tuple(_max_size_change(column) for column in sizes.T),
             size_resolution=size_resolution,
             camera_drift_px=camera_drift_px,
             notes=notes,
@@ -84,30 +84,30 @@ class TrackingQuality(Record):
 
     def remarks(self, names: tuple[str, ...]) -> list[str]:
         """Warnings for a reader of the numbers."""
-        said = list(self.notes)
+        remarks = list(self.notes)
         for name, share, gap in zip(names, self.seen, self.longest_gap_s, strict=True):
             if share < 0.95:
-                said.append(
+                remarks.append(
                     f"The camera saw {name} in only {share:.0%} of the frames; longest gap {gap:.1f} s."
                 )
         if self.dropped_frames:
-            said.append(f"{self.dropped_frames} frames are missing, judged by the timestamps.")
+            remarks.append(f"{self.dropped_frames} frames are missing, judged by the timestamps.")
         if self.repeated_times or self.repeated_pictures:
-            said.append(
+            remarks.append(
                 f"Frames with duplicate timestamps: {self.repeated_times} (left out); duplicate pictures: "
                 f"{self.repeated_pictures}."
             )
-        limit = max(OUT_OF_PLANE, self.size_resolution)
+        limit = max(MAX_SIZE_CHANGE, self.size_resolution)
         tilted = [n for n, c in zip(names, self.size_change, strict=True) if c > limit]
         if tilted:
             worst = max(c for c in self.size_change if np.isfinite(c))
-            said.append(
+            remarks.append(
                 f"{', '.join(tilted)} left the plane of motion: apparent size and distance to the camera "
                 f"changed by up to {worst:.0%}, which scales the measured positions by as much."
             )
         if self.camera_drift_px > 0.5:
-            said.append(f"The fixed tags drifted by {self.camera_drift_px:.1f} px: fasten the camera.")
-        return said
+            remarks.append(f"The reference tags drifted by {self.camera_drift_px:.1f} px: fasten the camera.")
+        return remarks
 
 
 def _longest_gap(t: FloatArray, measured: FloatArray) -> float:
@@ -118,9 +118,9 @@ def _longest_gap(t: FloatArray, measured: FloatArray) -> float:
     return float(np.diff(seen).max())
 
 
-def _change(sizes: FloatArray) -> float:
+def _max_size_change(sizes: FloatArray) -> float:
     seen = sizes[np.isfinite(sizes)]
-    if len(seen) < _SMOOTH:
+    if len(seen) < _SMOOTHING_FRAMES:
         return float("nan")
-    smooth = np.median(np.lib.stride_tricks.sliding_window_view(seen, _SMOOTH), axis=1)
+    smooth = np.median(np.lib.stride_tricks.sliding_window_view(seen, _SMOOTHING_FRAMES), axis=1)
     return float(np.abs(smooth / np.median(seen) - 1).max())

@@ -1,6 +1,6 @@
-"""A camera in software: what a webcam on a tripod would see of a robot in its plane of motion.
+"""A virtual camera: the pictures of a robot in its plane of motion by a webcam on a tripod.
 
-Lens, pose, light, exposure, ink and noise are drawn from a seed; nothing else reads them. Not modelled:
+Lens, pose, light, exposure, ink and noise are samples of a seed; the trackers do not read them. Not modelled:
 motion blur, rolling shutter, specular light, thickness of the robot, focus that varies.
 """
 
@@ -17,28 +17,27 @@ from eldir.core.arguments import require_value
 from eldir.core.records import FloatArray, IntArray
 from eldir_hardware.camera.lens import Lens
 from eldir_hardware.camera.plane import FieldOfView, Image, Plane, TagBoard
-from eldir_hardware.markers.mark_sheet import PALETTE
-from eldir_hardware.markers.painted_squares import paint_square, square_cells
-from eldir_hardware.markers.registration import DEFAULT, marker_kind
+from eldir_hardware.markers.registration import DEFAULT_KIND, PALETTE, load_kind
+from eldir_hardware.markers.squares import paint_square, square_cells
 
 _Picture = NDArray[Any]  # float32
 
-HEXAGON = 0.00693
+HUB_RADIUS = 0.00693
 """Circumscribed radius of a mass as printed [m]."""
-STRIP = 0.001
+STRIP_THICKNESS = 0.001
 """Thickness of a strip as printed [m]."""
-_FINE = 4
+_SUBPIXELS = 4
 """Subpixels along a pixel's side; discs have soft edges within these, so their centres are exact."""
 _PAPER_BORDER = 0.22
 """By how much the paper of a reference tag is wider than the tag, on each side [sides]."""
 
 
 @dataclass(frozen=True)
-class _Secrets:
+class _Optics:
     """Properties of the camera that the tracker does not know."""
 
     focal: float  # [px]
-    lens: Plane  # exact here; `calibrate_plane` has to find it again
+    plane: Plane  # exact here; `calibrate_plane` has to find it again
     light: _Picture  # relative illumination by channel, shape (H, W, 3)
     inks: dict[str, _Picture]  # of each marker, relative to the printed colours, shape (3,)
     tone: float  # exponent from linear light to picture values
@@ -57,41 +56,62 @@ class VirtualCamera:
         size: tuple[int, int] = (640, 480),
         rate: float = 10.0,
         noise: float = 1.5,
-        marker: str = DEFAULT,
+        marker: str = DEFAULT_KIND,
     ):
         """`rate` in frames a second; `noise` is the sensor's, a standard deviation in grey levels; `marker`:
         the kind of marker on the masses."""
-        self._marker = marker_kind(marker)
+        self.marker_kind = load_kind(marker)
+        """Kind of the markers on the masses."""
         self.board = board or TagBoard.around(workspace)
         self.size = size
         self.rate = rate
         rng = np.random.default_rng([seed, 0xCA3E7A])
         self._rng = np.random.default_rng([seed, 1])
-        focal, lens = _pose(rng, self.board, size)
-        self._secrets = _Secrets(
+        focal, plane = sample_pose(rng, self.board, size)
+        self._optics = _Optics(
             focal,
-            lens,
-            _light(rng, size),
+            plane,
+            _sample_light(rng, size),
             {name: rng.uniform(0.85, 1.1, 3).astype(np.float32) for name in PALETTE},
             tone=1 / rng.uniform(1.7, 2.2),
             blur=rng.uniform(0.7, 0.9),
         )
         columns, rows = np.meshgrid(np.arange(size[0]), np.arange(size[1]))
-        # Where each pixel lies in the plane, and its change to the next pixel, each (H, W, 2) [m].
-        self._at = lens.to_metres(np.stack([columns, rows], axis=-1))
-        self._right = np.gradient(self._at, axis=1)
-        self._down = np.gradient(self._at, axis=0)
-        self._empty = self._paint_background()
-        blurred = cv2.GaussianBlur(self._empty, (0, 0), self._secrets.blur)
-        self._developed = self._develop(blurred, self._secrets.light)
+        self.pixel_positions = plane.to_metres(np.stack([columns, rows], axis=-1))
+        """Position of each pixel in the plane of motion [m], shape (H, W, 2)."""
+        self._right = np.gradient(self.pixel_positions, axis=1)
+        self._down = np.gradient(self.pixel_positions, axis=0)
+        self.background = self._paint_background()
         # Twice as wide and high as a frame; every frame takes another window of it.
         self._grain = rng.normal(0.0, noise, (2 * size[1], 2 * size[0], 3)).astype(np.float32)
 
     @property
+    def background(self) -> _Picture:
+        """Linear reflectance without the robot, BGR, shape (H, W, 3): wall, table, reference tags, and what a
+        program paints over them."""
+        return self._background
+
+    @background.setter
+    def background(self, reflectance: _Picture) -> None:
+        self._background = reflectance
+        blurred = cv2.GaussianBlur(reflectance, (0, 0), self._optics.blur)
+        self._developed = self._develop(blurred, self._optics.light)
+
+    @property
+    def plane(self) -> Plane:
+        """The exact plane of motion; a tracker has to calibrate it from the pictures."""
+        return self._optics.plane
+
+    @property
+    def white_balance(self) -> FloatArray:
+        """Mean picture value of a white surface, BGR, relative to saturation, shape (3,)."""
+        return self._optics.light.mean(axis=(0, 1)) ** self._optics.tone
+
+    @property
     def lens(self) -> Lens:
-        """What a perfect calibration of this camera would find; the tracker does not get it."""
-        plane, focal = self._secrets.lens, self._secrets.focal
-        k1, k2 = plane.radial * (focal / plane.unit) ** np.array([2, 4])
+        """The lens that an exact calibration of this camera would give; the tracker does not get it."""
+        plane, focal = self._optics.plane, self._optics.focal
+        k1, k2 = plane.radial * (focal / plane.half_diagonal_px) ** np.array([2, 4])
         return Lens(
             *self.size,
             focal_px=np.array([focal, focal]),
@@ -107,65 +127,66 @@ class VirtualCamera:
     def render(self, positions: FloatArray, springs: IntArray, marked: IntArray) -> Image:
         """One frame, BGR: masses at `positions` (M, 2) [m], strips between `springs` (S, 2), markers
         m1, m2, ... on the masses `marked` (at most five)."""
-        require_value("marked", len(marked) <= len(PALETTE), f"at most {len(PALETTE)} marks", len(marked))
+        require_value("marked", len(marked) <= len(PALETTE), f"at most {len(PALETTE)} markers", len(marked))
         picture = self._developed.copy()
-        box = self._box(positions)
+        box = self._bounding_box(positions)
         if box is not None:
             x0, y0, x1, y1 = box
-            albedo = self._empty[y0:y1, x0:x1].copy()
-            self._paint_body(albedo, (x0, y0), positions, springs)
+            albedo = self._background[y0:y1, x0:x1].copy()
+            self.paint_body(albedo, (x0, y0), positions, springs)
             for name, mass in zip(PALETTE, marked, strict=False):
-                self._paint_marker(albedo, (x0, y0), positions[mass], name)
-            albedo = cv2.GaussianBlur(albedo, (0, 0), self._secrets.blur)
-            picture[y0:y1, x0:x1] = self._develop(albedo, self._secrets.light[y0:y1, x0:x1])
+                self.paint_marker(albedo, (x0, y0), positions[mass], name)
+            albedo = cv2.GaussianBlur(albedo, (0, 0), self._optics.blur)
+            picture[y0:y1, x0:x1] = self._develop(albedo, self._optics.light[y0:y1, x0:x1])
         dx, dy = (int(self._rng.integers(0, n + 1)) for n in self.size)
         grain = self._grain[dy : dy + self.size[1], dx : dx + self.size[0]]
         return cv2.add(picture, grain, dtype=cv2.CV_8U)
 
     def _develop(self, albedo: _Picture, light: _Picture) -> _Picture:
-        return 255 * cv2.pow(np.clip(albedo * light, 0, 1), self._secrets.tone)
+        return 255 * cv2.pow(np.clip(albedo * light, 0, 1), self._optics.tone)
 
-    def _box(self, positions: FloatArray) -> tuple[int, int, int, int] | None:
+    def _bounding_box(self, positions: FloatArray) -> tuple[int, int, int, int] | None:
         """Box of pixels that the body can cover, from (x0, y0) to before (x1, y1)."""
-        pixels = self._secrets.lens.to_pixels(positions)
+        pixels = self._optics.plane.to_pixels(positions)
         pixels = pixels[np.isfinite(pixels).all(axis=1)]
         if not len(pixels):
             return None
-        margin = 4 + max(1.5 * HEXAGON, 0.6 * self._marker.width) * self._secrets.lens.pixels_per_metre(
-            positions.mean(axis=0)
-        )
+        margin = 4 + max(
+            1.5 * HUB_RADIUS, 0.6 * self.marker_kind.width
+        ) * self._optics.plane.pixels_per_metre(positions.mean(axis=0))
         x0, y0 = np.maximum(np.floor(pixels.min(axis=0) - margin), 0).astype(int)
         x1, y1 = np.minimum(np.ceil(pixels.max(axis=0) + margin) + 1, self.size).astype(int)
         return None if x0 >= x1 or y0 >= y1 else (x0, y0, x1, y1)
 
-    def _paint_body(
+    def paint_body(
         self, albedo: _Picture, origin: tuple[int, int], positions: FloatArray, springs: IntArray
     ) -> None:
+        """Paint strips and hubs of a body into a reflectance (h, w, 3) whose first pixel is `origin`."""
         along = positions[springs[:, 1]] - positions[springs[:, 0]]
         across = np.stack([-along[:, 1], along[:, 0]], axis=1)
-        across *= STRIP / 2 / np.linalg.norm(along, axis=1, keepdims=True)
+        across *= STRIP_THICKNESS / 2 / np.linalg.norm(along, axis=1, keepdims=True)
         a, b = positions[springs[:, 0]], positions[springs[:, 1]]
         strips = np.stack([a + across, b + across, b - across, a - across], axis=1)
         angles = np.pi / 3 * np.arange(6)
-        hexagons = positions[:, None] + HEXAGON * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        hexagons = positions[:, None] + HUB_RADIUS * np.stack([np.cos(angles), np.sin(angles)], axis=1)
         for shapes, grey in ((strips, 0.65), (hexagons, 0.78)):
-            cover = self._coverage(shapes, origin, albedo.shape[:2])[..., None]
+            cover = self.coverage(shapes, origin, albedo.shape[:2])[..., None]
             albedo += cover * (np.float32(grey) - albedo)
 
-    def _coverage(self, shapes: FloatArray, origin: tuple[int, int], shape: tuple[int, int]) -> _Picture:
+    def coverage(self, shapes: FloatArray, origin: tuple[int, int], shape: tuple[int, int]) -> _Picture:
         """Part of each pixel that polygons (N, corners, 2) [m] cover, shape (h, w)."""
-        fine = np.zeros((shape[0] * _FINE, shape[1] * _FINE), np.uint8)
-        pixels = (self._secrets.lens.to_pixels(shapes) - origin + 0.5) * _FINE - 0.5
+        fine = np.zeros((shape[0] * _SUBPIXELS, shape[1] * _SUBPIXELS), np.uint8)
+        pixels = (self._optics.plane.to_pixels(shapes) - origin + 0.5) * _SUBPIXELS - 0.5
         for polygon in np.round(pixels * 16).astype(np.int32):
             cv2.fillConvexPoly(fine, polygon, 255, shift=4)
         small = cv2.resize(fine, shape[::-1], interpolation=cv2.INTER_AREA)
         return small.astype(np.float32) / 255
 
-    def _paint_marker(self, albedo: _Picture, origin: tuple[int, int], centre: FloatArray, name: str) -> None:
-        """The marker as the lens projects it, by mapping subpixels back to the plane."""
-        lens = self._secrets.lens
+    def paint_marker(self, albedo: _Picture, origin: tuple[int, int], centre: FloatArray, name: str) -> None:
+        """Paint a marker at `centre` (2,) [m] into a reflectance (h, w, 3) whose first pixel is `origin`."""
+        lens = self._optics.plane
         scale = float(lens.pixels_per_metre(centre))
-        reach = int(np.ceil(0.6 * self._marker.width * scale)) + 2
+        reach = int(np.ceil(0.6 * self.marker_kind.width * scale)) + 2
         x, y = np.round(lens.to_pixels(centre)).astype(int)
         x0, y0 = max(x - reach, origin[0]), max(y - reach, origin[1])
         x1 = min(x + reach + 1, origin[0] + albedo.shape[1])
@@ -173,30 +194,32 @@ class VirtualCamera:
         if x0 >= x1 or y0 >= y1:
             return
         points = self._subpixels(x0, y0, x1, y1) - centre
-        cover, colour = self._marker.paint(name, points, 1 / (scale * _FINE))
-        colour = np.clip(colour, 0.02, 1) * self._secrets.inks[name]
+        cover, colour = self.marker_kind.paint(name, points, 1 / (scale * _SUBPIXELS))
+        colour = np.clip(colour, 0.02, 1) * self._optics.inks[name]
         part = albedo[y0 - origin[1] : y1 - origin[1], x0 - origin[0] : x1 - origin[0]]
         part *= 1 - cover.mean(axis=2)[..., None]
         part += (cover[..., None] * colour).mean(axis=2)
 
     def _subpixels(self, x0: int, y0: int, x1: int, y1: int) -> FloatArray:
         """Centres of the subpixels of a box in the plane [m], shape (h, w, _FINE**2, 2)."""
-        steps = (np.arange(_FINE) + 0.5) / _FINE - 0.5
+        steps = (np.arange(_SUBPIXELS) + 0.5) / _SUBPIXELS - 0.5
         dx, dy = (d.ravel() for d in np.meshgrid(steps, steps))
-        points = np.empty((y1 - y0, x1 - x0, _FINE**2, 2))
+        points = np.empty((y1 - y0, x1 - x0, _SUBPIXELS**2, 2))
         for d in range(2):  # an axis of two as the innermost takes several times as long
-            at, right, down = (a[y0:y1, x0:x1, None, d] for a in (self._at, self._right, self._down))
+            at, right, down = (
+                a[y0:y1, x0:x1, None, d] for a in (self.pixel_positions, self._right, self._down)
+            )
             points[..., d] = at + dx * right + dy * down
         return points
 
     def _paint_background(self) -> _Picture:
         """Wall, table edge, and paper with a tag each: linear reflectance, shape (H, W, 3)."""
         size = np.abs(self._down[..., 1])
-        into_table = (0.005 - np.abs(self._at[..., 1] + 0.005)) / size
+        into_table = (0.005 - np.abs(self.pixel_positions[..., 1] + 0.005)) / size
         grey = 0.42 + (0.06 - 0.42) * np.clip(0.5 + into_table, 0, 1)
         for (x0, y0, x1, y1), centre, pattern in self._sheets():
             points = self._subpixels(x0, y0, x1, y1) - centre
-            footprint = size[y0:y1, x0:x1, None] / _FINE
+            footprint = size[y0:y1, x0:x1, None] / _SUBPIXELS
             side = self.board.side_m
             cover, tag = paint_square(pattern, side, _PAPER_BORDER * side, points, footprint)
             behind = grey[y0:y1, x0:x1, None]
@@ -210,14 +233,14 @@ class VirtualCamera:
         for number, centre in zip(self.board.ids, self.board.centres, strict=True):
             pattern = square_cells(self.board.dictionary, number)
             reach = 0.8 * self.board.side_m * np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]])
-            pixels = self._secrets.lens.to_pixels(centre + reach)
+            pixels = self._optics.plane.to_pixels(centre + reach)
             x0, y0 = np.maximum(pixels.min(axis=0) - 2, 0).astype(int)
             x1, y1 = np.minimum(pixels.max(axis=0) + 3, self.size).astype(int)
             sheets.append(((x0, y0, x1, y1), centre, pattern))
         return sheets
 
 
-def _pose(rng: np.random.Generator, board: TagBoard, size: tuple[int, int]) -> tuple[float, Plane]:
+def sample_pose(rng: np.random.Generator, board: TagBoard, size: tuple[int, int]) -> tuple[float, Plane]:
     """Focal length [px] and plane of a tilted camera with slight lens distortion, as near as it can be with
     every tag in view."""
     width, height = size
@@ -242,7 +265,7 @@ def _pose(rng: np.random.Generator, board: TagBoard, size: tuple[int, int]) -> t
         distance *= 1.01
 
 
-def _light(rng: np.random.Generator, size: tuple[int, int]) -> _Picture:
+def _sample_light(rng: np.random.Generator, size: tuple[int, int]) -> _Picture:
     """A lamp to one side, vignetting, and a colour cast, shape (H, W, 3)."""
     x, y = np.meshgrid(np.linspace(-1, 1, size[0]), np.linspace(-0.75, 0.75, size[1]))
     angle, fall = rng.uniform(0, 2 * np.pi), rng.uniform(0.1, 0.25)

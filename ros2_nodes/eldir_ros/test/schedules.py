@@ -11,7 +11,7 @@ from typing import Any
 
 from eldir.design import Design
 from eldir_hardware.rig.configuration import Rig
-from eldir_hardware.safety.schedule_digests import with_digests
+from eldir_hardware.safety.compatibility import with_digests
 from eldir_hardware.schedule import ActuationSchedule
 
 CONFIG = Path(__file__).parents[1] / "config"

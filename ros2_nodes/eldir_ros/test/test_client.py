@@ -103,7 +103,7 @@ def test_a_goal_without_a_client_or_of_nonsense_is_refused(graph):
 def test_a_goal_as_fields_has_no_digests_and_needs_a_reason(graph):
     plan = runs.plan_of(new_message, ActuationSchedule.from_json(SHORT))
     refused = graph.result(graph.order(RunSchedule.Goal(plan=plan, client="tester")))
-    assert refused.outcome == runs.REFUSED and "it has no digests" in refused.message
+    assert refused.outcome == runs.REFUSED and "it lacks the digests" in refused.message
     both = graph.result(graph.order(RunSchedule.Goal(plan=plan, schedule=json.dumps(SHORT), client="tester")))
     assert both.outcome == runs.REFUSED and "found both" in both.message and graph.edges() == []
     graph.processes["actuation_sequencer"].terminate()

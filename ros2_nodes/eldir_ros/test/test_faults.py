@@ -26,7 +26,7 @@ from visualization_msgs.msg import MarkerArray  # noqa: E402
 
 from eldir_ros.base.message_types import COMPLETE, LATCHED, new_message  # noqa: E402
 from eldir_ros.conversions import marks, runs  # noqa: E402
-from eldir_ros.remote.heartbeats import NODE_PATIENCE  # noqa: E402
+from eldir_ros.remote.heartbeats import NODE_TIMEOUT  # noqa: E402
 
 HEATING = ("relay_board", "actuation_sequencer")
 READERS = ("mass_tracker", "mcap_recorder", "range_of_motion")
@@ -43,7 +43,7 @@ def test_a_node_that_is_back_is_no_error_any_more(tmp_path):
     with Graph(tmp_path, HEATING) as graph:
         graph.ready()
         graph.processes["actuation_sequencer"].send_signal(signal.SIGSTOP)
-        wait_until(lambda: SILENT in level(graph, "relay_board")[1], NODE_PATIENCE + 20)
+        wait_until(lambda: SILENT in level(graph, "relay_board")[1], NODE_TIMEOUT + 20)
         graph.processes["actuation_sequencer"].send_signal(signal.SIGCONT)
         wait_until(lambda: level(graph, "relay_board") == (b"\x00", "active"), 20)
 
@@ -168,7 +168,7 @@ def command_of(process):
         {"channels": [1, 2], "seconds": [1.0]},
         {"channels": [1], "seconds": [1.0], "delay": 5.0},
         {"channels": [1], "seconds": [math.nan]},
-        {"channels": [1], "seconds": [1.0], "number": 0},
+        {"channels": [1], "seconds": [1.0], "sequence": 0},
     ],
     ids=["lengths", "far ahead", "not a number", "unnumbered"],
 )
@@ -177,7 +177,7 @@ def test_a_damaged_command_heats_nothing_and_stops_the_rig(tmp_path, damage):
         graph.ready()
         commands = graph.node.create_publisher(HeatCommand, "relay_board/commands", COMPLETE)
         wait_until(lambda: commands.get_subscription_count() > 0, 10)
-        commands.publish(HeatCommand(command=HeatCommand.PULSES, run="x", **({"number": 1} | damage)))
+        commands.publish(HeatCommand(command=HeatCommand.PULSES, run="x", **({"sequence": 1} | damage)))
         wait_until(lambda: graph.state("relay_board") == "unconfigured", 10)
         assert graph.edges() == [] and graph.processes["relay_board"].poll() is None
         assert "a command of run 'x' is damaged" in graph.stops[-1].reason

@@ -23,8 +23,8 @@ from std_msgs.msg import String  # noqa: E402
 from tf2_msgs.msg import TFMessage  # noqa: E402
 
 from eldir.design import Design  # noqa: E402
-from eldir_hardware.camera.pose import camera_pose, quaternion  # noqa: E402
-from eldir_hardware.run.robot_camera import RobotCamera  # noqa: E402
+from eldir_hardware.camera.plane import estimate_camera_pose, to_quaternion  # noqa: E402
+from eldir_hardware.run.filming import RobotCamera  # noqa: E402
 from eldir_ros.base.message_types import COMPLETE, LATCHED, STATIC  # noqa: E402
 from eldir_ros.conversions import marks  # noqa: E402
 
@@ -47,7 +47,7 @@ def test_the_camera_stands_where_it_truly_is(tmp_path):
     assert (optical.header.frame_id, optical.child_frame_id) == ("left/camera", "left/camera_optical_frame")
     assert pictures[0].header.frame_id == "left/camera_optical_frame"
     camera = RobotCamera.load(CONFIG / "rig.yaml", CONFIG / "design.json")
-    truth = camera_pose(camera._camera._secrets.lens, float(camera.lens.focal_px.mean()))
+    truth = estimate_camera_pose(camera._camera.plane, float(camera.lens.focal_px.mean()))
     place = body.transform.translation
     off = np.linalg.norm(np.array([place.x, place.y, place.z]) - truth.position)
     print(
@@ -56,7 +56,7 @@ def test_the_camera_stands_where_it_truly_is(tmp_path):
     assert off < 0.02
     turn = optical.transform.rotation
     assert (turn.x, turn.y, turn.z, turn.w) == pytest.approx((-0.5, 0.5, -0.5, 0.5))
-    assert quaternion(np.eye(3)) == pytest.approx((0, 0, 0, 1))
+    assert to_quaternion(np.eye(3)) == pytest.approx((0, 0, 0, 1))
 
 
 def test_the_robots_model_moves_with_the_robot(tmp_path):

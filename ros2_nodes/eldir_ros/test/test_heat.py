@@ -21,7 +21,7 @@ from graph import NODES, OBSERVERS, Graph, wait_until  # noqa: E402
 from schedules import LONG, SHORT  # noqa: E402
 
 from eldir_ros.conversions import runs  # noqa: E402
-from eldir_ros.remote.heartbeats import NODE_PATIENCE  # noqa: E402
+from eldir_ros.remote.heartbeats import NODE_TIMEOUT  # noqa: E402
 
 HEATING = ("relay_board", "actuation_sequencer")
 FOUR_EDGES = [(1, False), (1, True), (2, False), (2, True)]
@@ -160,7 +160,7 @@ def test_killing_any_node_leaves_everything_off_and_the_others_say_so(tmp_path):
                 lambda g=graph, v=victim, o=others: all(
                     f"{v} sends no heartbeats any more" in g.said(n) for n in o
                 ),
-                NODE_PATIENCE + 10,
+                NODE_TIMEOUT + 10,
             )
             wait_until(
                 lambda g=graph, v=victim: any(

@@ -141,4 +141,4 @@ def test_a_rig_in_a_namespace_and_one_process_plays_its_schedule(launched, tmp_p
 def test_a_namespace_that_is_no_name_is_one_line(launched):
     launch = launched(SHORT, "namespace:=2 left")
     assert launch.process.wait(60) == 1 and "Traceback" not in launch.said
-    assert "namespace is no name; expected letters" in launch.said
+    assert "invalid launch argument namespace; expected letters" in launch.said

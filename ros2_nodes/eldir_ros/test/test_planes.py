@@ -21,7 +21,7 @@ from std_msgs.msg import String  # noqa: E402
 from eldir_hardware.camera.plane import Plane  # noqa: E402
 from eldir_hardware.log.reader import read_log  # noqa: E402
 from eldir_hardware.schedule import ActuationSchedule  # noqa: E402
-from eldir_hardware.vision.live_tracking import FIRST_PICTURE  # noqa: E402
+from eldir_hardware.vision.live_tracking import FIRST_PICTURE_KEY  # noqa: E402
 from eldir_ros.base.message_types import LATCHED, new_message  # noqa: E402
 from eldir_ros.conversions import runs  # noqa: E402
 
@@ -45,7 +45,7 @@ def test_the_plane_is_that_of_the_run(tmp_path, order):
                 states.publish(runs.run_of(new_message, runs.RUNNING, "a", START, schedule, ""))
                 wait_until(lambda: "recording" in graph.said("mcap_recorder"), 20)
             else:
-                provenance = {FIRST_PICTURE: sent}
+                provenance = {FIRST_PICTURE_KEY: sent}
                 plane = Plane(640, 480, np.eye(3), np.array([320.0, 240.0]), np.zeros(2), 0.1, provenance)
                 planes.publish(String(data=json.dumps(plane.to_json())))
                 # No node tells that it has heard a plane. One that is heard later makes another order, in
@@ -55,4 +55,4 @@ def test_the_plane_is_that_of_the_run(tmp_path, order):
         wait_until(lambda: "wrote" in graph.said("mcap_recorder"), 20)
     (log,) = tmp_path.glob("run-*/log.mcap")
     kept = json.loads(read_log(log).attachments["plane.json"])
-    assert kept["provenance"][FIRST_PICTURE] == OWN
+    assert kept["provenance"][FIRST_PICTURE_KEY] == OWN

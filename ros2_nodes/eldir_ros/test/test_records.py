@@ -19,11 +19,11 @@ from sensor_msgs.msg import CameraInfo  # noqa: E402
 from visualization_msgs.msg import MarkerArray  # noqa: E402
 
 from eldir.design import Design  # noqa: E402
-from eldir_calibration.comparison.predictions import motions_without_camera  # noqa: E402
+from eldir_calibration.comparison.predictions import predict_motions  # noqa: E402
 from eldir_hardware.log.messages import CAMERA_INFO, IMAGE  # noqa: E402
 from eldir_hardware.log.reader import read_log  # noqa: E402
 from eldir_hardware.rig.configuration import Rig  # noqa: E402
-from eldir_hardware.run.drive import drive_rig  # noqa: E402
+from eldir_hardware.run.drive import DriveConfig, drive_rig  # noqa: E402
 from eldir_hardware.schedule import ActuationSchedule  # noqa: E402
 from eldir_hardware.vision.pipeline import track_log  # noqa: E402
 from eldir_ros.base.message_types import COMPLETE, message_class  # noqa: E402
@@ -61,8 +61,8 @@ def direct(tmp_path_factory):
     plan = ActuationSchedule.from_json(MIDDLE)
     rig = Rig.load(folder / "rig.yaml")
     # In one process with the emulated board: the engine must have been compiled before it answers.
-    motions_without_camera(Design.load(CONFIG / "design.json"), plan, rig)
-    drive_rig(plan, rig, folder / "rig.yaml", folder / "log.mcap", CONFIG / "design.json")
+    predict_motions(Design.load(CONFIG / "design.json"), plan, rig)
+    drive_rig(plan, rig, folder / "rig.yaml", folder / "log.mcap", DriveConfig(CONFIG / "design.json"))
     return folder / "log.mcap"
 
 

@@ -51,7 +51,7 @@ def test_two_rigs_on_one_graph_know_nothing_of_each_other(rigs):
     assert status == 0, lines
     assert f"ok    graph: domain {left.domain}, localhost, namespace /left" in lines
     status, lines = diagnosed(right)
-    assert status == 1 and "WRONG mass_tracker: is not there" in lines and "WRONG pictures: 0.0" in lines
+    assert status == 1 and "FAIL  mass_tracker: is not running" in lines and "FAIL  pictures: 0.0" in lines
     frames = set()
     left.node.create_subscription(
         MarkerArray, "marks", lambda m: frames.update(k.header.frame_id for k in m.markers), COMPLETE
@@ -70,7 +70,7 @@ def test_two_rigs_on_one_graph_know_nothing_of_each_other(rigs):
     assert (result.outcome, result.message) == (runs.FINISHED, "played to the end"), held_up
     assert len(right.edges()) == 4 and right.edges()[-1][0] > asked, "it heated on after the other's stop"
     status, lines = diagnosed(left)
-    assert status == 1 and "WRONG emergency stop: latched: the emergency stop was called" in lines
+    assert status == 1 and "FAIL  emergency stop: latched: the emergency stop was called" in lines
     assert right.state("relay_board") == "active" and not any(s.stopped for s in right.stops)
     wait_until(lambda: frames, 20)
     assert frames == {"left/ground"}

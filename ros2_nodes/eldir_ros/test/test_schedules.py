@@ -12,7 +12,7 @@ from schedules import CONFIG, LONG, MIDDLE, SHORT
 from eldir.design import Design
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.safety import limits
-from eldir_hardware.safety.schedule_digests import require_made_for
+from eldir_hardware.safety.compatibility import require_compatible
 from eldir_hardware.schedule import ActuationSchedule
 
 EXAMPLE = json.loads((CONFIG / "schedule.json").read_text())
@@ -22,4 +22,4 @@ EXAMPLE = json.loads((CONFIG / "schedule.json").read_text())
 def test_the_examples_rig_allows_the_schedule(values):
     plan, rig = ActuationSchedule.from_json(values), Rig.load(CONFIG / "rig.yaml")
     limits.check_schedule(plan, rig)
-    assert require_made_for(plan, rig, Design.load(CONFIG / "design.json")) is None
+    assert require_compatible(plan, rig, Design.load(CONFIG / "design.json")) is None

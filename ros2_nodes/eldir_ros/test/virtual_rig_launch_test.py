@@ -18,7 +18,7 @@ from launch_testing.asserts import assertExitCodes
 
 from eldir.design import Design
 from eldir_hardware.rig.configuration import Rig
-from eldir_hardware.safety.schedule_digests import with_digests
+from eldir_hardware.safety.compatibility import with_digests
 from eldir_hardware.schedule import ActuationSchedule
 from eldir_ros.programs.launching import example
 from launch import LaunchDescription

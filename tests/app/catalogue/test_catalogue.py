@@ -16,10 +16,10 @@ from hypothesis import strategies as st
 from mcap.writer import Writer
 
 from eldir.errors import InputError
-from eldir_app.catalogue.columns import Column
+from eldir_app.catalogue import Column
+from eldir_app.catalogue.facts import Notes, notes_file, read_notes, write_notes
 from eldir_app.catalogue.index import Index
 from eldir_app.catalogue.listing import COLUMNS, ordered, selected
-from eldir_app.catalogue.notes import Notes, notes_file, read_notes, write_notes
 from eldir_app.catalogue.runs import CataloguedRun
 from tests.app.catalogue.small_logs_and_reports import found, later, record, report
 from tests.paths import SCHEMAS
@@ -56,7 +56,7 @@ def test_every_log_is_there_once_and_damaged_ones_say_why(folder: Path, tmp_path
     assert (one.ended, one.faults, one.damage) == ("played to the end", (), "")
     assert stopped.faults == ("player: the board is silent",)
     assert "is empty" in runs["empty.mcap"].damage
-    assert "not a whole MCAP log" in runs["cut.mcap"].damage
+    assert "not a complete MCAP log" in runs["cut.mcap"].damage
     assert "not the log of a run" in runs["foreign.mcap"].damage
     values = {"format": "eldir-runs/1", "runs": [asdict(run) for run in catalogue.runs]}
     values = json.loads(json.dumps(values, default=str))
@@ -75,7 +75,7 @@ def test_a_file_is_read_again_only_after_it_changed(folder: Path, tmp_path: Path
     assert read == 1
     assert {r.log.name: r.ended for r in changed.runs}["two.mcap"] == "stopped by Ctrl-C"
     with Index(index) as kept:
-        assert str(folder / "empty.mcap") not in kept.below(str(folder))
+        assert str(folder / "empty.mcap") not in kept.read(str(folder))
     afresh, _ = found(folder, tmp_path / "another")
     assert afresh == changed, "the index said something that the files do not say"
 

@@ -13,7 +13,7 @@ from typer.testing import CliRunner, Result
 from eldir.trajectory import Trajectory
 from eldir_app.application import application
 from eldir_app.catalogue.comparison import ComparedRun, figures
-from eldir_app.catalogue.notes import notes_file
+from eldir_app.catalogue.facts import notes_file
 from eldir_calibration.comparison.recorded_run import LoggedRun
 from eldir_calibration.report.comparison import Motion
 from eldir_hardware.log.reader import read_log

@@ -18,11 +18,11 @@ import pytest
 import yaml
 
 from eldir_hardware.relay.errors import SilentBoardError
-from eldir_hardware.relay.registration import kinds
+from eldir_hardware.relay.registration import installed_kinds
 from eldir_hardware.safety import switch_off as switching
-from eldir_hardware.safety.latch import DIED, latch_for_driving, read_records, stop_of
-from eldir_hardware.safety.off_targets import Target
-from eldir_hardware.testing.powered_board import close_contacts
+from eldir_hardware.safety.latch import GUARDIAN_DIED, latch_for_driving, read_records, read_stop
+from eldir_hardware.safety.off_targets import OffTarget
+from eldir_hardware.testing import close_contacts
 from tests.hardware.emulated_rigs import each_once, emulated, heating_program, rig_file, wait
 
 OFF = [sys.executable, "-m", "eldir", "rig", "off"]
@@ -64,7 +64,7 @@ def alone():
 
 
 def last_edge(board) -> float:
-    return max(e.t for e in board.edges)
+    return max(e.t for e in board.contact_events)
 
 
 @pytest.fixture(autouse=True)
@@ -102,7 +102,7 @@ def test_a_rig_file_that_is_wrong(how, tmp_path, alone):
             assert not any(board.contacts) and last_edge(board) - begun < QUICK
         assert f"{board.port}: " in done.stdout and "all 4 channels are open" in done.stdout
         assert done.returncode == (1 if how == "another port" else 0), done.stdout + done.stderr
-        assert stop_of(board.port)
+        assert read_stop(board.port)
 
 
 def test_a_rig_file_that_is_wrong_and_nobody_drives(tmp_path):
@@ -110,10 +110,10 @@ def test_a_rig_file_that_is_wrong_and_nobody_drives(tmp_path):
     with emulated("lcus") as board:
         path = rig_file(tmp_path / "rig.yaml", "lcus", board.port)
         path.write_text(path.read_text() + "\n]broken: [")
-        board._set_coil(3, True)
+        board.set_coil(3, True)
         done, _ = off("--rig", path)
         assert done.returncode == 0 and not any(board.contacts), done.stdout + done.stderr
-        assert "stopped by eldir rig off" in stop_of(board.port)
+        assert "stopped by eldir rig off" in read_stop(board.port)
 
 
 @pytest.mark.parametrize("words", [[], ["--port"]])
@@ -130,7 +130,7 @@ def test_without_a_rig_file(words, tmp_path, alone):
             assert done.returncode == 0, done.stdout + done.stderr
             for board in boards:
                 assert not any(board.contacts) and last_edge(board) - begun < QUICK
-                assert stop_of(board.port) != DIED
+                assert read_stop(board.port) != GUARDIAN_DIED
             if words:
                 assert any(two.contacts), "another board is left alone"
                 assert f"{two.port} is driven too" in done.stdout
@@ -150,7 +150,7 @@ def test_the_record_of_a_board_whose_programs_were_killed(tmp_path, alone):
         assert done.returncode == 0 and not any(board.contacts), done.stdout + done.stderr
 
 
-@pytest.mark.parametrize("kind", kinds())
+@pytest.mark.parametrize("kind", installed_kinds())
 def test_a_port_of_which_nothing_is_known(kind):
     with emulated(kind) as board:
         close_contacts(board, range(1, 5))
@@ -172,7 +172,7 @@ def test_contacts_beyond_the_files_channels(tmp_path):
     """The file says 4 of 8 channels."""
     with emulated("lcus", 8) as board:
         path = rig_file(tmp_path / "rig.yaml", "lcus", board.port)
-        board._set_coil(7, True)
+        board.set_coil(7, True)
         off("--rig", path)
         assert not any(board.contacts)
 
@@ -180,15 +180,15 @@ def test_contacts_beyond_the_files_channels(tmp_path):
 def test_what_is_not_proven_is_no_success(tmp_path):
     with emulated("lcus") as board:
         path = rig_file(tmp_path / "rig.yaml", "lcus", board.port)
-        board._set_coil(2, True)
+        board.set_coil(2, True)
         board.faults.deaf.add(2)
         done, _ = off("--rig", path)
         assert done.returncode == 1 and "cut the heating supply now" in done.stderr
-        assert stop_of(board.port), "latched all the same"
+        assert read_stop(board.port), "latched all the same"
     for name in ("/dev/null", tmp_path / "rig.yaml"):
         before = (tmp_path / "rig.yaml").read_bytes()
         done, _ = off("--port", name, "--board", "lcus")
-        assert done.returncode == 1 and "it is no serial port" in done.stdout
+        assert done.returncode == 1 and "it is not a serial port" in done.stdout
         assert (tmp_path / "rig.yaml").read_bytes() == before
     done, _ = off("--port", "/dev/no-such-port")
     assert done.returncode == 1 and "No such file" in done.stdout
@@ -218,12 +218,14 @@ def test_a_module_beside_the_rig_file_does_not_stop_it(tmp_path):
     (tmp_path / "serial.py").write_text("raise SystemExit('ran')\n")
     with emulated("lcus") as board:
         path = rig_file(tmp_path / "rig.yaml", "lcus", board.port)
-        board._set_coil(1, True)
+        board.set_coil(1, True)
         done, _ = off("--rig", path, cwd=tmp_path)
         assert done.returncode == 0 and not any(board.contacts), done.stdout + done.stderr
 
 
-@pytest.mark.parametrize(("kind", "hangs"), each_once(kinds(), ["nothing", "player", "guardian", "both"]))
+@pytest.mark.parametrize(
+    ("kind", "hangs"), each_once(installed_kinds(), ["nothing", "player", "guardian", "both"])
+)
 def test_how_long_it_takes(kind, hangs, tmp_path):
     """From the start of the process to the last contact, and to the end of the command."""
     with emulated(kind) as board:
@@ -252,21 +254,21 @@ def test_how_long_it_takes(kind, hangs, tmp_path):
             assert ended - begun < 4 * (0.5 if hangs == "nothing" else 1.0)
         assert not any(board.contacts)
         if hangs == "nothing":
-            assert "eldir rig off" in stop_of(board.port)
+            assert "eldir rig off" in read_stop(board.port)
 
 
 def test_a_record_is_written_before_the_first_contact_closes_and_removed_after_a_good_end(tmp_path):
     with emulated("lcus") as board:
         latch_for_driving(board.port, "lcus", 4, "bench")
         (record,) = read_records()[0].values()
-        assert (record.kind, record.channels, record.rig, record.stop) == ("lcus", 4, "bench", DIED)
+        assert (record.kind, record.channels, record.rig, record.stop) == ("lcus", 4, "bench", GUARDIAN_DIED)
         (file,) = (Path(os.environ["XDG_STATE_HOME"]) / "eldir").iterdir()
         assert json.loads(file.read_text())["format"] == "eldir-board/1"
         assert file.stat().st_mode & 0o777 == 0o600 and file.parent.stat().st_mode & 0o777 == 0o700
 
 
 def test_the_tolerant_reading_agrees_with_the_strict_one(tmp_path):
-    from eldir_hardware.rig.board_hints import read_board_hints
+    from eldir_hardware.rig._board_hints import read_board_hints
     from eldir_hardware.rig.template import real_rig
 
     for text in (
@@ -290,14 +292,14 @@ def test_a_board_of_unknown_size_that_answered_too_late_once_is_not_taken_for_a_
     with emulated("lcus", 4) as board:
         prove, asked = switching._prove_open, []
 
-        def late(kind, port, count, ended_well, *, sized):
+        def late(kind, port, count, guardian_proved, *, size_known):
             asked.append(count)
             if count > 1 and asked.count(count) == 1:
                 raise SilentBoardError("it did not answer")
-            prove(kind, port, count, ended_well, sized=sized)
+            prove(kind, port, count, guardian_proved, size_known=size_known)
 
         monkeypatch.setattr(switching, "_prove_open", late)
-        outcome = switching.switch_off(Target(board.port, [("lcus", None)]))
+        outcome = switching.switch_off(OffTarget(board.port, [("lcus", None)]))
         assert outcome.proven and outcome.channels == 4
 
 
@@ -306,16 +308,16 @@ def test_no_contact_closes_behind_the_frames_of_off(tmp_path):
     with emulated("modbus") as board:
         rig = rig_file(tmp_path / "rig.yaml", "modbus", board.port)
         with heating_program(board, rig) as (program, guardian):
-            obey, struck = board._obey, []
+            obey, struck = board.obey, []
 
             def off_behind_a_repeated_pulse(request: bytes) -> bytes:
                 answer = obey(request)
                 if not struck and request[:3] == b"\x01\x05\x02":
-                    struck.append(len(board.edges))
+                    struck.append(len(board.contact_events))
                     os.kill(guardian, signal.SIGTERM)
                     obey(bytes.fromhex("010500FF0000FDFA"))
                 return answer
 
-            board._obey = off_behind_a_repeated_pulse
+            board.obey = off_behind_a_repeated_pulse
             program.communicate(timeout=20)
-        assert [edge.closed for edge in board.edges[struck[0] :]] == [False, False]
+        assert [edge.closed for edge in board.contact_events[struck[0] :]] == [False, False]

@@ -12,18 +12,18 @@ import pytest
 from typer.testing import CliRunner
 
 from eldir.errors import EldirError
+from eldir_app import doctor
 from eldir_app.commands.rig import rig as command
-from eldir_app.doctor import checks as doctor
-from eldir_app.doctor.retrigger import measure_retriggerable
-from eldir_hardware.camera.validity import valid_for
+from eldir_app.switching_checks import measure_retriggerable
+from eldir_hardware.camera.lens import validity_period
 from eldir_hardware.clock import VirtualClock, WallClock
 from eldir_hardware.guardian.pulse_controller import PulseController
 from eldir_hardware.log.reader import read_log
 from eldir_hardware.planning.compiler import compile_schedule
-from eldir_hardware.rig.boards import driver_of, emulator_of
 from eldir_hardware.rig.configuration import Rig
-from eldir_hardware.run.orders import keys
+from eldir_hardware.rig.devices import get_driver, get_emulator
 from eldir_hardware.run.player import Player
+from eldir_hardware.run.remote_control import obey_keys
 from eldir_hardware.safety.latch import LatchedError
 from eldir_hardware.safety.stop_signals import StoppedError
 from eldir_hardware.virtual.rig import VirtualRig
@@ -35,12 +35,12 @@ from tests.raised import raises
 
 @pytest.mark.parametrize("restarts", [True, False])
 def test_a_second_pulse_is_measured_and_written_down(restarts, tmp_path):
-    board = emulator_of("modbus")(4, WallClock())
-    board.restarts = restarts
+    board = get_emulator("modbus")(4, WallClock())
+    board.retriggerable = restarts
     path = rig_file(tmp_path / "rig.yaml", "modbus", board.start())
     path.write_text("# mine\n" + path.read_text().replace("retriggerable: true", "retriggerable: null"))
     refused = run("doctor", "--rig", path, "--pulses")
-    assert refused.exit_code == 2 and board.edges == []
+    assert refused.exit_code == 2 and board.contact_events == []
     result = run("doctor", "--rig", path, "--pulses", "--heat-disconnected")
     said = "restarts the timer" if restarts else "is ignored"
     assert f"a second pulse {said}" in result.output
@@ -52,9 +52,9 @@ def test_a_second_pulse_is_measured_and_written_down(restarts, tmp_path):
 def test_a_board_that_does_neither_is_refused():
     """Its pulses never end, or end too early."""
     clock = VirtualClock()
-    emulated = emulator_of("modbus")(2, clock)
-    board = driver_of("modbus")(emulated.start(), 2, clock)
-    clock.before_moving(lambda: emulated.wait_for_bytes(board.bytes_written))
+    emulated = get_emulator("modbus")(2, clock)
+    board = get_driver("modbus")(emulated.start(), 2, clock)
+    clock.add_barrier(lambda: emulated.wait_for_bytes(board.bytes_written))
     flash = emulated._flash
     emulated._flash = lambda number, on, seconds: flash(number, on, 20.0)
     with raises(EldirError, "doctor.stays-closed"):
@@ -67,13 +67,13 @@ def test_a_board_that_does_neither_is_refused():
 
 
 def test_a_dry_run_switches_nothing(tmp_path):
-    board = emulator_of("lcus")(4, WallClock())
+    board = get_emulator("lcus")(4, WallClock())
     path = rig_file(tmp_path / "rig.yaml", "lcus", board.start())
     compile_schedule(gait(), Rig.load(path), (7, 12), cycles=1).save(tmp_path / "schedule.json")
     log = tmp_path / "dry.mcap"
     result = run("drive", tmp_path / "schedule.json", "--rig", path, "--log", log, "--dry-run")
     assert result.exit_code == 0, result.exception
-    assert board.edges == [] and board._bytes_received == 0
+    assert board.contact_events == [] and board._bytes_received == 0
     assert np.asarray(read_log(log).relays).any()
     board.close()
 
@@ -101,12 +101,12 @@ def play(meddle, cycles: int = 2):
         )
         start = virtual.clock.now() + 1.0
         for t, action in meddle(player):
-            virtual.clock.at(start + t, lambda _, action=action: action())
+            virtual.clock.call_at(start + t, lambda _, action=action: action())
         try:
             notes.played = player.play(start)
         except EldirError as error:
             notes.error = error
-        edges = [(e.t - start, e.channel, e.closed) for e in virtual.emulator.edges]
+        edges = [(e.t - start, e.channel, e.closed) for e in virtual.emulator.contact_events]
         assert not any(virtual.emulator.contacts)
     return schedule, notes, edges
 
@@ -155,7 +155,7 @@ def test_a_key_stops_and_others_pause():
         def __getattr__(self, name):
             return lambda *why: pressed.append((name, *why))
 
-    with keys(Told(), guest):
+    with obey_keys(Told(), guest):
         for key in (b" ", b"s", b"q", b"f", b"x"):
             os.write(host, key)
             time.sleep(0.05)
@@ -167,14 +167,14 @@ def test_a_key_stops_and_others_pause():
 
 
 def test_the_doctor_names_who_holds_the_port(tmp_path):
-    board = emulator_of("lcus")(4, WallClock())
+    board = get_emulator("lcus")(4, WallClock())
     port = board.start()
     holder = subprocess.Popen(
         [sys.executable, "-c", f"import time; f = open({port!r}, 'rb', 0); time.sleep(20)"]
     )
     try:
         deadline = time.monotonic() + 10
-        while (found := doctor._holders(port)).ok and time.monotonic() < deadline:
+        while (found := doctor.check_port_holders(port)).ok and time.monotonic() < deadline:
             time.sleep(0.05)
         assert not found.ok and str(holder.pid) in found.text
     finally:
@@ -187,7 +187,7 @@ def test_the_doctor_takes_no_emulator_for_a_thief(tmp_path):
     """It has its own pseudo-terminal open at both ends."""
     command = [sys.executable, "-c", "from eldir_app.commands.rig import rig; rig()", "emulate"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as board:
-        found = doctor._holders(board.stdout.readline().strip())
+        found = doctor.check_port_holders(board.stdout.readline().strip())
         board.terminate()
     assert found.ok, found.text
 
@@ -197,18 +197,18 @@ def test_the_doctor_looks_at_camera_and_calibration(tmp_path):
     for _ in range(30):
         film.write(np.full((48, 64, 3), 250, np.uint8))
     film.release()
-    rate, exposure = doctor._camera(str(tmp_path / "film.avi"))
+    rate, exposure = doctor.check_camera(str(tmp_path / "film.avi"))
     assert rate.ok and "20.0 frames" in rate.text
     assert not exposure.ok and "set the exposure" in exposure.text
-    assert not doctor._camera(str(tmp_path / "none.avi"))[0].ok
+    assert not doctor.check_camera(str(tmp_path / "none.avi"))[0].ok
     for days, ok in ((30.0, True), (-1.0, False)):
         import json
 
         path = tmp_path / "plane.json"
-        path.write_text(json.dumps({"provenance": valid_for(days)}))
-        assert doctor._age(path).ok is ok
+        path.write_text(json.dumps({"provenance": validity_period(days)}))
+        assert doctor.check_calibration(path).ok is ok
     path.write_text("{}")
-    assert not doctor._age(path).ok
+    assert not doctor.check_calibration(path).ok
 
 
 def test_help_of_every_command_has_an_example():

@@ -15,11 +15,10 @@ import yaml
 
 from eldir.errors import EldirError, InputError
 from eldir.parameters.wiring import Connection, wiring, wiring_digest
-from eldir_app.doctor.warm_springs import WARM, place_of, warm_each, warming_pulse
+from eldir_app.switching_checks import MAX_TOUCH_C, describe_spring, warm_each, warming_pulse
 from eldir_cad.geometry.assembly import assemble
 from eldir_cad.kit.specification import load_specification
-from eldir_cad.packet.drawing import assembly_map
-from eldir_cad.packet.folder import write_packet
+from eldir_cad.packet._drawing import draw_assembly_map
 from eldir_cad.packet.wiring_file import read_wiring
 from eldir_hardware.guardian.pulse_controller import PulseController
 from eldir_hardware.log.reader import read_log
@@ -27,10 +26,11 @@ from eldir_hardware.planning.compiler import compile_schedule
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.supply import LimitError
 from eldir_hardware.rig.template import real_rig, virtual_rig
-from eldir_hardware.run.opened_rig import bank_of
-from eldir_hardware.safety.schedule_digests import with_digests
+from eldir_hardware.run.opened_rig import open_bank
+from eldir_hardware.safety.compatibility import with_digests
 from eldir_hardware.virtual.rig import VirtualRig
-from tests.cad.drawn_bodies import BLOCK, body, design
+from tests.cad.drawn_bodies import body
+from tests.cad.written_packet import ROBOT, written_packet
 from tests.forked_programs import Forked
 from tests.hardware.emulated_rigs import emulated, rig_file, run, wait
 from tests.hardware.rigs_and_schedules import RIG, gait, rig_with
@@ -43,7 +43,6 @@ from tests.raised import raises
 MAP = {1: (0, "front"), 2: (0, "back"), 3: (1, "front"), 4: (1, "back")}
 FORMER = {1: (0, "front"), 2: (1, "front"), 3: (0, "back"), 4: (1, "back")}
 """What packets said before they and the rig file had one map."""
-ROBOT = design(*BLOCK, motors=(3, 20))
 
 
 def channels(places: dict[int, tuple[int, str]]) -> list[dict[str, object]]:
@@ -52,9 +51,7 @@ def channels(places: dict[int, tuple[int, str]]) -> list[dict[str, object]]:
 
 @pytest.fixture(scope="module")
 def packet(tmp_path_factory) -> Path:
-    path = tmp_path_factory.mktemp("wired") / "packet"
-    write_packet(ROBOT, path)
-    return path
+    return written_packet(tmp_path_factory)
 
 
 def test_packet_rig_files_and_schedule_have_one_map(packet):
@@ -71,7 +68,7 @@ def test_packet_rig_files_and_schedule_have_one_map(packet):
 
 def test_the_assembly_map_has_it_too():
     spec = load_specification()
-    figure = assembly_map(assemble(ROBOT.morphology, spec, ROBOT.marks), wiring(2))
+    figure = draw_assembly_map(assemble(ROBOT.morphology, spec, ROBOT.marks), wiring(2))
     drawn = [[t.get_text() for t in axes.texts if t.get_text().startswith("S")] for axes in figure.axes]
     assert drawn == [["S0 / 1", "S1 / 3"], ["S0 / 2", "S1 / 4"]]
     assert any(wiring_digest(wiring(2))[:8] in t.get_text() for t in figure.texts)
@@ -192,7 +189,7 @@ def warmed(rig: Rig) -> tuple[list[Connection], list[tuple[float, int, bool]]]:
             told.append(connection)
 
         warm_each(bank, virtual.clock, rig.channels, warming_pulse(rig), tell)
-        edges = [(e.t, e.channel, e.closed) for e in virtual.emulator.edges]
+        edges = [(e.t, e.channel, e.closed) for e in virtual.emulator.contact_events]
         assert not any(virtual.emulator.contacts)
     return told, edges
 
@@ -213,7 +210,7 @@ def test_springs_grow_warm_and_no_more():
     """By the independent thermal model, with the trace's longest pulse."""
     _, edges = warmed(RIG)
     longest = max(b[0] - a[0] for a, b in zip(edges[::2], edges[1::2], strict=True))
-    assert max(temperatures(wire(RIG, HOTTEST), [(0.0, longest)], 3.0)) < WARM
+    assert max(temperatures(wire(RIG, HOTTEST), [(0.0, longest)], 3.0)) < MAX_TOUCH_C
     assert max(temperatures(wire(RIG, NOMINAL), [(0.0, longest)], 3.0)) > RIG.springs.ambient_c + 12
 
 
@@ -229,7 +226,7 @@ def test_the_doctor_warms_nothing_after_a_failure(packet, tmp_path):
     with emulated("lcus") as board:
         path = rig_file(tmp_path / "rig.yaml", "lcus", board.port, channels=channels(FORMER))
         result = run("doctor", "--rig", path, "--packet", packet, "--wiring")
-        assert result.exit_code == 1 and "grow warm" not in result.output and not board.edges
+        assert result.exit_code == 1 and "grow warm" not in result.output and not board.contact_events
 
 
 def test_ctrl_c_opens_the_contacts(tmp_path):
@@ -252,7 +249,7 @@ def test_ctrl_c_opens_the_contacts(tmp_path):
             finally:
                 doctor.kill()
         assert doctor.returncode == 130 and took < warming_pulse(RIG) / 2
-        assert [(e.channel, e.closed) for e in board.edges] == [(1, True), (1, False)]
+        assert [(e.channel, e.closed) for e in board.contact_events] == [(1, True), (1, False)]
         assert "stopped by Ctrl-C; all contacts are open" in said and "channel 2" not in said
         assert run("reset", "--rig", path).exit_code == 0
 
@@ -260,7 +257,7 @@ def test_ctrl_c_opens_the_contacts(tmp_path):
 def test_a_virtual_rig_in_real_time_has_a_guardian():
     rig = rig_with(virtual={"clock": "wall"})
     told: list[Connection] = []
-    with bank_of(rig) as opened:
+    with open_bank(rig) as opened:
         warm_each(opened.bank, opened.clock, rig.channels[:1], 0.5, told.append, pause=0.0)
     assert told == [Connection(1, 0, "front")]
 
@@ -280,7 +277,7 @@ def test_places_are_told():
     for motor, (a, b) in enumerate(ends):
         x = found.positions[[a, b], 0].mean() - found.positions[:, 0].min()
         end = "rear end" if x < np.ptp(found.positions[:, 0]) / 3 else "front end"
-        words = place_of(Connection(1, motor, "back"), found)
+        words = describe_spring(Connection(1, motor, "back"), found)
         assert words.startswith(f"spring {motor} on the back face, between masses {a} and {b} (")
         assert end in words
-    assert place_of(Connection(3, 1, "front"), None) == "spring 1 on the front face"
+    assert describe_spring(Connection(3, 1, "front"), None) == "spring 1 on the front face"

@@ -8,13 +8,13 @@ from hypothesis import event, given
 from hypothesis import strategies as st
 
 from eldir.errors import InputError
+from eldir_hardware.log._salvage import valid_records
 from eldir_hardware.log.reader import read_log
-from eldir_hardware.log.salvage import valid_records
-from eldir_hardware.rig.board_hints import read_board_hints
+from eldir_hardware.rig._board_hints import read_board_hints
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.template import virtual_rig
 from eldir_hardware.run.drive import drive_rig
-from eldir_hardware.safety.schedule_digests import rig_digests, with_digests
+from eldir_hardware.safety.compatibility import rig_digests, with_digests
 from eldir_hardware.schedule import ActuationSchedule, Event
 from eldir_hardware.vision.live import CameraDevice
 from tests.raised import raises

@@ -14,8 +14,8 @@ from mcap.reader import make_reader
 
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.template import virtual_rig
-from eldir_hardware.run.drive import without_heat
-from eldir_hardware.safety.schedule_digests import with_digests
+from eldir_hardware.run.drive import to_dry_run
+from eldir_hardware.safety.compatibility import with_digests
 from eldir_hardware.schedule import ActuationSchedule, Event
 from eldir_hardware.vision.virtual_camera import VirtualCamera
 from tests.app.notify.receivers import camera, mute, receiver
@@ -50,7 +50,7 @@ def test_a_run_that_has_finished_is_told_and_no_log_has_the_address(tmp_path):
         said = drive(tmp_path, rig)
         assert said.returncode == 0, said.stderr
         ((_, word),) = words
-    assert without_heat(Rig.load(rig)).notify == (), "a dry run tells nobody"
+    assert to_dry_run(Rig.load(rig)).notify == (), "a dry run tells nobody"
     assert word.startswith("virtual bench: finished | log.mcap: played to the end: 100 s, highest modelled")
     with (tmp_path / "log.mcap").open("rb") as log:
         files = {a.name: a.data for a in make_reader(log).iter_attachments()}
@@ -65,7 +65,7 @@ def test_a_stop_and_its_reason_are_told(how, tmp_path):
         if how == "killed":
             run.player.kill()
             assert wait(lambda: words)
-            why = "the program that drove it has died. The stop is latched (the program that heats has died)"
+            why = "the driving program has died. The stop is latched (the program that heats has died)"
         else:
             for process in (guardian_of(run.player.pid), run.player.pid):
                 os.kill(process, signal.SIGSTOP)
@@ -111,21 +111,21 @@ def test_a_lost_camera_is_told_while_it_heats_and_a_mute_address_moves_no_edge(t
         begun = time.monotonic()
         said = drive(tmp_path, rig)
         took = time.monotonic() - begun
-        closed = np.array([edge.t for edge in board.edges if edge.closed])
+        closed = np.array([edge.t for edge in board.contact_events if edge.closed])
     assert len(words) == 2, said.stderr
     lost, ended = words
-    assert lost[1].startswith("virtual bench: camera lost | log.mcap: no picture since ")
+    assert lost[1].startswith("virtual bench: camera lost | log.mcap: no frame since ")
     assert "the heating goes on" in lost[1] and closed[-1] > lost[0], "it heats after that word"
     assert "stopped | " in ended[1] and "gives no picture any more" in ended[1]
     assert len(closed) == 6
     # Waiting for an address would cost seconds; a tenth may pass where other tests compute beside this one.
     assert abs(np.diff(closed) - PERIOD).max() < 0.5, np.diff(closed)
     assert took < 30.0, took  # the mute address is given up
-    notes = [line for line in said.stderr.splitlines() if line.startswith("eldir: no word")]
+    notes = [line for line in said.stderr.splitlines() if line.startswith("eldir: notification not sent")]
     assert [line.split(" of notify ")[1].split(":")[0] for line in notes] == [
         "did not answer within 10 s",
-        "did not take it",
-        "is no address that apprise knows",
+        "refused the notification",
+        "is unknown to apprise",
     ]
     assert SECRET not in said.stdout + said.stderr
 
@@ -137,9 +137,9 @@ def test_the_doctor_finds_a_wrong_address(tmp_path):
     assert [word for _, word in words] == ["virtual bench: a test | eldir rig doctor checks this address"]
     assert said.returncode == 1 and SECRET not in said.stdout + said.stderr
     for line in (
-        "ok    notify: address 1 (json) took a word as a test",
-        "FAIL  notify: address 2 (json) did not take it; correct it in the rig file",
-        "FAIL  notify: address 3 (jsonn) is no address that apprise knows; correct it in the rig file",
+        "ok    notify: address 1 (json) accepted a test notification",
+        "FAIL  notify: address 2 (json) refused the notification; correct it in the rig file",
+        "FAIL  notify: address 3 (jsonn) is unknown to apprise; correct it in the rig file",
     ):
         assert line in said.stdout
 
@@ -150,4 +150,7 @@ def test_without_apprise_the_run_goes_on_and_says_so(tmp_path):
     words = ["rig", "drive", tmp_path / "schedule.json", "--rig", rig, "--log", tmp_path / "log.mcap"]
     said = finished([sys.executable, "-c", program, *map(str, words)])
     assert said.returncode == 0, said.stderr
-    assert "eldir: no word will be sent: apprise is not installed: pip install 'eldir[notify]'" in said.stderr
+    assert (
+        "eldir: notifications are not sent: apprise is not installed: pip install 'eldir[notify]'"
+        in said.stderr
+    )

@@ -17,9 +17,9 @@ from eldir_hardware.emulator.board import EmulatedBoard
 from eldir_hardware.planning.compiler import compile_schedule
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.template import virtual_rig
-from eldir_hardware.safety.latch import stop_of
-from eldir_hardware.safety.schedule_digests import with_digests
-from eldir_hardware.safety.switch_off import REASON
+from eldir_hardware.safety.compatibility import with_digests
+from eldir_hardware.safety.latch import read_stop
+from eldir_hardware.safety.switch_off import OFF_REASON
 from tests.forked_programs import Forked
 from tests.hardware.emulated_rigs import emulated, rig_file, wait
 from tests.hardware.rigs_and_schedules import gait
@@ -58,7 +58,7 @@ class Heating(NamedTuple):
         assert wait(lambda: not any(self.board.contacts), seconds), self.board.contacts
         time.sleep(0.05)
         assert not any(self.board.contacts)
-        return max(edge.t for edge in self.board.edges) - begun
+        return max(edge.t for edge in self.board.contact_events) - begun
 
 
 def save_schedule(rig: Path, path: Path) -> None:
@@ -85,7 +85,7 @@ def heating(folder: Path, kind: str = "lcus", **changes: object) -> Iterator[Hea
                 assert wait(lambda: any(board.contacts) or player.poll() is not None, 25.0)
                 yield Heating(board, player, rig, log)
             except Exception as error:
-                if player.poll() is not None and REASON not in (stop_of(board.port) or ""):
+                if player.poll() is not None and OFF_REASON not in (read_stop(board.port) or ""):
                     raise BusyError(player.stderr.read()) from error
                 raise
             finally:

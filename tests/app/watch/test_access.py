@@ -12,7 +12,7 @@ from websockets.sync.client import connect
 
 from eldir.errors import InputError, MissingDependencyError
 from eldir_app.watch.access import Access
-from eldir_app.watch.listen import watch
+from eldir_app.watch.listening import WatchConfig, serve_page
 from eldir_hardware.safety.latch import read_records
 from tests.app.watch.bench import watching
 from tests.app.watch.malformed import pour
@@ -46,7 +46,7 @@ def watched(tmp_path_factory):
 @pytest.fixture
 def bench(watched):
     """A server at a rig whose channel 3 is closed, and nobody drives it: only a stop opens it."""
-    watched[0]._set_coil(3, True)
+    watched[0].set_coil(3, True)
     return watched
 
 
@@ -164,16 +164,24 @@ def test_a_host_is_this_computer_or_refused(host, known):
 )
 def test_a_wrong_address_is_one_line(address):
     with raises(InputError, "input.wrong-value", "--listen"):
-        watch(None, None, address, (), False, None, None, print)
+        serve_page(WatchConfig(address=address), print)
 
 
 @pytest.mark.parametrize(
     ("rig", "log", "said"),
     [
-        ("none.yaml", None, "none.yaml tells no rig; expected a rig file with its port; found cannot read"),
-        ("empty.yaml", None, "empty.yaml tells no rig; expected a rig file with its port; found no port"),
+        (
+            "none.yaml",
+            None,
+            "rig; expected a rig file with its port; found cannot read",
+        ),
+        (
+            "empty.yaml",
+            None,
+            "rig; expected a rig file with its port; found no port",
+        ),
         (None, "none.mcap", "none.mcap does not exist"),
-        (None, "empty.yaml", "empty.yaml is no MCAP log"),
+        (None, "empty.yaml", "empty.yaml is not an MCAP log"),
         ("empty.yaml", "none.mcap", "give --rig or --log, not both"),
     ],
 )
@@ -181,12 +189,12 @@ def test_what_cannot_be_watched_is_refused_in_one_line(rig, log, said, tmp_path,
     monkeypatch.chdir(tmp_path)
     Path("empty.yaml").write_text("name: nothing here\n")
     with pytest.raises(InputError, match=re.escape(said)):
-        watch(rig and Path(rig), log and Path(log), "127.0.0.1:0", (), False, None, None, print)
+        serve_page(WatchConfig(rig and Path(rig), log and Path(log), "127.0.0.1:0"), print)
 
 
 def test_a_port_that_is_taken_is_refused_in_one_line(watched):
     with raises(InputError, "watch.not-listening", match="Address already in use"):
-        watch(None, None, watched[1], (), False, None, None, print)
+        serve_page(WatchConfig(address=watched[1]), print)
 
 
 def test_what_is_missing_is_named(monkeypatch):
@@ -194,4 +202,4 @@ def test_what_is_missing_is_named(monkeypatch):
     for name in ("starlette", "uvicorn", "websockets"):
         monkeypatch.setitem(sys.modules, name, None)
     with pytest.raises(MissingDependencyError, match=r"pip install 'eldir\[watch\]'"):
-        watch(None, None, "127.0.0.1:0", (), False, None, None, print)
+        serve_page(WatchConfig(address="127.0.0.1:0"), print)

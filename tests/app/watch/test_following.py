@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from eldir.errors import InputError
-from eldir_app.watch import view as viewing
-from eldir_app.watch.marks import Walk
-from eldir_app.watch.view import RunView, Seen
+from eldir_app.watch import run_view as viewing
+from eldir_app.watch.marker_tracking import WalkMeter
+from eldir_app.watch.run_view import PagePosition, RunView
 from eldir_hardware.clock import VirtualClock
 from eldir_hardware.guardian.pulse_controller import PulseController
 from eldir_hardware.log import messages as m
@@ -44,10 +44,10 @@ def test_each_record_comes_once_while_the_log_grows(tmp_path):
             write(log, number)
             if number % 4 == 0:
                 found += follower.poll()
-        assert len(found) > 100 and not follower.ended and not follower.is_whole
+        assert len(found) > 100 and not follower.is_finished and not follower.is_complete
     with LogFollower(path) as whole:
         at_once = list(whole.poll())
-        assert whole.ended and whole.is_whole and whole.epoch_ns == EPOCH
+        assert whole.is_finished and whole.is_complete and whole.epoch_ns == EPOCH
         pictures = [f for f in at_once if f.topic == m.IMAGE]
         again = [bytes(whole.read(f.place).data) for f in reversed(pictures)]
     assert again[::-1] == [data.tobytes() for _, data in read_log(path).pictures]
@@ -86,7 +86,7 @@ def test_a_log_that_is_cut_off_anywhere_is_followed_up_to_there(tmp_path):
             assert found == expected[: len(found)]
             cut.write_bytes(data)  # the rest comes
             found += [(f.topic, f.stamp_ns) for f in follower.poll()]
-            assert found == expected and follower.ended
+            assert found == expected and follower.is_finished
         most = max(most, len(found))
     assert most == len(expected)
 
@@ -115,7 +115,7 @@ def test_a_damaged_chunk_costs_only_itself(tmp_path):
     path.write_bytes(data)
     with LogFollower(path) as follower:
         found = list(follower.poll())
-        assert follower.damaged == 1 and follower.ended
+        assert follower.damaged == 1 and follower.is_finished
     assert [f.stamp_ns for f in found] == [f.stamp_ns for f in expected if f.place.chunk != middle]
 
 
@@ -123,7 +123,7 @@ def shown(path):
     view = RunView(path)
     with LogFollower(path) as follower:
         for followed in follower.poll():
-            view.take(followed, follower)
+            view.update(followed, follower)
     return view
 
 
@@ -150,8 +150,8 @@ def test_the_view_holds_what_the_log_holds(with_rig, tmp_path):
 
 
 def test_pages_get_each_row_once_also_when_old_rows_are_thinned(tmp_path, monkeypatch):
-    monkeypatch.setattr(viewing, "MOST", 100)
-    view, seen, rows = RunView(tmp_path), Seen(), []
+    monkeypatch.setattr(viewing, "MAX_ROWS", 100)
+    view, seen, rows = RunView(tmp_path), PagePosition(), []
     for number in range(333):
         view.curves["temperatures"].add([number, 20.0])
         if number % 10 == 0:
@@ -176,8 +176,8 @@ def test_a_pause_moves_the_schedule_that_is_shown(tmp_path):
         player = Player(PulseController(virtual.board, RIG, clock), plan, RIG, clock, [log])
 
         def ready(at):
-            clock.at(at + 24.0, lambda t: player.pause())  # in the second cycle
-            clock.at(at + 60.0, lambda t: player.resume())
+            clock.call_at(at + 24.0, lambda t: player.pause())  # in the second cycle
+            clock.call_at(at + 60.0, lambda t: player.resume())
 
         player.play(0.0, ready)
     view = shown(path)
@@ -188,11 +188,11 @@ def test_a_pause_moves_the_schedule_that_is_shown(tmp_path):
 
 
 def test_the_walk_is_the_mean_motion_of_the_marks_since_the_cycles_that_count():
-    walk = Walk(start=10.0, body_length=0.1)
+    walk = WalkMeter(start=10.0, body_length=0.1)
     here = np.array([[0.0, 0.0], [0.1, 0.0], [np.nan, np.nan]])
-    assert walk.at(9.0, here - 5.0) is None
-    assert walk.at(10.0, here) == 0.0
+    assert walk.update(9.0, here - 5.0) is None
+    assert walk.update(10.0, here) == 0.0
     moved = here + np.array([0.02, 0.5])
     moved[2] = [1.0, 0.0]  # seen for the first time
-    assert walk.at(11.0, moved) == pytest.approx((0.02 + 0.02 + 0.0) / 3 / 0.1, abs=1e-3)
-    assert walk.at(12.0, np.full((3, 2), np.nan)) is None
+    assert walk.update(11.0, moved) == pytest.approx((0.02 + 0.02 + 0.0) / 3 / 0.1, abs=1e-3)
+    assert walk.update(12.0, np.full((3, 2), np.nan)) is None

@@ -37,7 +37,7 @@ def test_a_viewer_sees_the_topics_of_the_run_that_goes_on(tmp_path):
                 pass
             kind, subscription, stamp = _MESSAGE.unpack_from(told)
             assert (kind, subscription) == (1, 7) and abs(time.time_ns() - stamp) < 2e9
-            report = m.types().deserialize_cdr(told[_MESSAGE.size :], relays["schemaName"])
+            report = m.typestore().deserialize_cdr(told[_MESSAGE.size :], relays["schemaName"])
             assert report.name[0] == "channel1" and len(report.position) == 4
 
 

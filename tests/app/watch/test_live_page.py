@@ -9,7 +9,7 @@ import pytest
 
 from eldir_hardware.log.reader import read_log
 from eldir_hardware.log.recorder import Recorder
-from eldir_hardware.safety.latch import stop_of
+from eldir_hardware.safety.latch import read_stop
 from tests.app.watch.bench import again_where_busy, free_port, heating, virtual_run, watching
 from tests.app.watch.browser import browser
 from tests.hardware.emulated_rigs import rig_file, wait
@@ -46,7 +46,7 @@ def finished_log(tmp_path):
             log.on_frame(t, picture(number))
             log.on_relays(t, [5 < t < 9, False, False, False])
             log.on_temperatures(t, [22 + t, 22, 23, 24])
-        log.on_status(20.0, "player", "channel 1 does not follow", good=False)
+        log.on_status(20.0, "player", "channel 1 did not switch", good=False)
     return path
 
 
@@ -63,7 +63,7 @@ def test_a_finished_log_is_replayed(page, finished_log):
         page.size(1400, 900)
         page.open(address)
         page.wait("document.getElementById('mode').innerText.includes('Replay of finished.mcap')")
-        page.wait("document.getElementById('events').innerText.includes('channel 1 does not follow')")
+        page.wait("document.getElementById('events').innerText.includes('channel 1 did not switch')")
         assert page.place("#stop")["width"] == 0  # it would stop nothing of this log
         page.wait("document.getElementById('picture-note').innerText == 'at 0.0 s'")  # not the last picture
         slide = "(() => { const i = document.getElementById('instant'); i.value = %s; i.oninput(); })()"
@@ -129,7 +129,7 @@ def test_the_stop_opens_every_contact(how, player, page, tmp_path):
         print(f"\n{how}, program {player}: off after {after:.2f} s")
         assert after < WITHIN
         page.wait("document.getElementById('outcome').innerText.startsWith('Stopped after')")
-        assert "stopped by eldir rig off" in stop_of(run.board.port)
+        assert "stopped by eldir rig off" in read_stop(run.board.port)
         page.wait("document.getElementById('rig').innerText.includes('stopped by eldir rig off')")
 
 
@@ -146,7 +146,7 @@ def test_a_run_is_paused_and_finished_from_the_page(page, tmp_path):
         page.wait("document.getElementById('pause').innerText == 'Resume'")
         page.click("[data-order=finish]")
         assert run.player.wait(5.0) == 0
-        assert stop_of(run.board.port) is None, "no stop is latched"
+        assert read_stop(run.board.port) is None, "no stop is latched"
         page.wait("document.getElementById('orders').hidden")
     assert read_log(run.log).statuses[-1][2] == "finished after 0 of 5 cycles"
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from eldir_app.watch.running import driven_into, driven_ports, driven_through
+from eldir_app.watch.driven_rigs import driven_ports, ports_of_log, ports_of_rig
 from tests.app.watch.bench import heating
 from tests.forked_programs import Forked
 from tests.hardware.emulated_rigs import emulated, heating_program, rig_file, wait
@@ -15,7 +15,7 @@ from tests.hardware.emulated_rigs import emulated, heating_program, rig_file, wa
 RECORD = """
 import sys, time
 from pathlib import Path
-from eldir_hardware.log.run_recording import RunRecording
+from eldir_hardware.log.background import RunRecording
 rig, log = map(Path, sys.argv[1:])
 recording = RunRecording(log, ["channel1"], ["spring0_front"], time.time_ns())
 recording.attach({"schedule.json": b"{}", "rig.yaml": rig.read_bytes()})
@@ -44,15 +44,15 @@ def test_the_log_of_a_recorder_beside_the_program_is_found_by_its_rig(tmp_path: 
         another = rig_file(tmp_path / "another.yaml", "lcus", "/dev/no-board", name="another bench")
         log, other = tmp_path / "log.mcap", tmp_path / "other.mcap"
         with recorder(rig, log), recorder(another, other), heating_program(board, rig) as (program, guardian):
-            assert wait(lambda: [d.logs for d in driven_through(rig)] == [(log,)])
-            (found,) = driven_into(log)
+            assert wait(lambda: [d.logs for d in ports_of_rig(rig)] == [(log,)])
+            (found,) = ports_of_log(log)
             assert (found.guardian, found.player) == (guardian, program.pid)
-            assert not found.takes_orders and not driven_into(other)
+            assert not found.accepts_commands and not ports_of_log(other)
     assert wait(lambda: not [d for d in driven_ports() if d.port == board.port])
 
 
 def test_a_program_that_writes_its_own_log_has_no_other(tmp_path: Path) -> None:
     with heating(tmp_path / "run") as run, recorder(run.rig, tmp_path / "beside.mcap"):
-        (found,) = driven_through(run.rig)
-        assert found.logs == (run.log,) and found.player == run.player.pid and found.takes_orders
-        assert not driven_into(tmp_path / "beside.mcap") and os.path.samefile(found.port, run.board.port)
+        (found,) = ports_of_rig(run.rig)
+        assert found.logs == (run.log,) and found.player == run.player.pid and found.accepts_commands
+        assert not ports_of_log(tmp_path / "beside.mcap") and os.path.samefile(found.port, run.board.port)

@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from eldir_app.commands.rig import rig as command
-from eldir_app.watch.access import kept_token
+from eldir_app.watch.access import load_token
 from tests.app.watch.bench import save_schedule, watching
 from tests.app.watch.browser import browser
 from tests.hardware.emulated_rigs import emulated, rig_file, wait
@@ -31,10 +31,10 @@ def test_a_start_needs_the_option_the_token_and_no_latched_stop(tmp_path):
         save_schedule(rig, tmp_path / "schedule.json")
         with watching("--rig", rig) as (address, _):
             host = address.removeprefix("http://").strip("/")
-            assert post(host, "/start")[0] == 401 and post(host, "/start", kept_token())[0] == 401
+            assert post(host, "/start")[0] == 401 and post(host, "/start", load_token())[0] == 401
         with watching("--rig", rig, "--allow-start", tmp_path / "schedule.json") as (address, server):
             host = address.removeprefix("http://").strip("/")
-            token = kept_token()
+            token = load_token()
             assert post(host, "/start")[0] == 401
             assert post(host, "/start", token[:-1])[0] == 401
             assert post(host, "/start", token, "http://evil.example")[0] == 403
@@ -47,16 +47,16 @@ def test_a_start_needs_the_option_the_token_and_no_latched_stop(tmp_path):
                 page.click("#start")
                 page.wait("!document.getElementById('entry').hidden")
                 page.wait("document.getElementById('start').textContent == 'Start schedule.json'")
-            assert not board.edges
+            assert not board.contact_events
             assert post(host, "/start", token) == (200, {"taken": True, "text": ""})
             assert wait(lambda: any(board.contacts), 25.0)
             status, said = post(host, "/start", token)
-            assert status == 409 and said["text"].startswith("something is driven already")
+            assert status == 409 and said["text"].startswith("a rig is being driven already")
             assert post(host, "/stop")[1]["proven"]
             assert not any(board.contacts)
-            switched = len(board.edges)
+            switched = len(board.contact_events)
             assert wait(lambda: "is stopped" in post(host, "/start", token)[1]["text"])
-            assert len(board.edges) == switched
+            assert len(board.contact_events) == switched
             server.stdout.close()
         assert len(list(tmp_path.glob("schedule-*.mcap"))) == 1
         assert "stopped by" in next(tmp_path.glob("schedule-*.txt")).read_text()

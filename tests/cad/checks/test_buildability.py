@@ -6,27 +6,35 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import null_space
 
-from eldir.built.robot import build
-from eldir.built.statics import freedoms
+from eldir.built.robot import build, count_mechanisms
 from eldir.errors import InputError
 from eldir.genotype import random_genotypes
 from eldir.lattice import Lattice
 from eldir.morphology import develop
 from eldir.parameters.springs import SpringParameters
+from eldir_cad.checks._contacts import find_contacts, find_leads
+from eldir_cad.checks._kinematics import (
+    AT_REST,
+    Stroke,
+    degrees_of_freedom,
+    find_hinges,
+    find_mechanisms,
+    foot_stroke,
+    max_shortening,
+    rigidity_matrix,
+    simulate_stroke,
+    socket_turns,
+)
 from eldir_cad.checks.buildability import check
-from eldir_cad.checks.contacts import leads, nearest_contacts
-from eldir_cad.checks.rigidity import degrees_of_freedom, hinges, mechanisms, rigidity_matrix
 from eldir_cad.checks.strip_law import StripLaw
-from eldir_cad.checks.stroke import AT_REST, Stroke, foot_stroke, shortening, socket_turns, stroke
-from eldir_cad.kit.fit import fitted_to_printer
-from eldir_cad.kit.printer import load_printer
+from eldir_cad.kit.printer import fit_to_printer, load_printer
 from eldir_cad.kit.specification import load_specification
-from eldir_cad.packet.findings import findings_page
+from eldir_cad.packet._pages import draw_findings
 from tests.cad.drawn_bodies import BLOCK, HOURGLASS, RHOMBUS, TOWER, TRIANGLE, WHEEL, body
 from tests.raised import raises
 
 PRINTER = load_printer()
-SPEC = fitted_to_printer(load_specification(), PRINTER)
+SPEC = fit_to_printer(load_specification(), PRINTER)
 LAW = StripLaw.of(SPEC, PRINTER)
 
 
@@ -53,7 +61,7 @@ def test_degrees_of_freedom_of_hand_made_frames(positions, springs, expected):
 def test_degrees_of_freedom_of_bodies(rows, expected):
     found = body(*rows)
     assert degrees_of_freedom(found.positions, found.springs) == expected
-    assert freedoms(found.positions, found.springs) == expected
+    assert count_mechanisms(found.positions, found.springs) == expected
 
 
 def test_degrees_of_freedom_without_motors():
@@ -82,13 +90,13 @@ def test_freedoms_of_random_bodies(seed):
     found = develop(lattice, random_genotypes(lattice, 1, np.random.default_rng(seed), 2)[0])
     here, general = (
         degrees_of_freedom(found.positions, found.springs),
-        freedoms(found.positions, found.springs),
+        count_mechanisms(found.positions, found.springs),
     )
     assert here >= general >= max(0, 2 * len(found.positions) - 3 - len(found.springs))
     less = degrees_of_freedom(found.positions, found.springs[~found.active])
     assert here <= less <= here + found.motors
     # Each mass that alone holds two parts lets them turn.
-    assert general >= sum(h.separates for h in hinges(found))
+    assert general >= sum(h.separates for h in find_hinges(found))
 
 
 def test_rigidity_matrix_is_the_derivative_of_lengths():
@@ -106,12 +114,12 @@ def test_rigidity_matrix_is_the_derivative_of_lengths():
 
 
 def test_hinges():
-    assert hinges(body(*WHEEL)) == []
-    (hinge,) = hinges(body(*HOURGLASS))
-    assert (hinge.fans, hinge.separates) == (2, True)
-    assert [h.separates for h in hinges(body(*TOWER))] == [True, True]
-    (held,) = hinges(body("01111", "01101", "01101", "00111"))  # a ring, closed by a vertex on one side
-    assert (held.fans, held.separates) == (2, False)
+    assert find_hinges(body(*WHEEL)) == []
+    (hinge,) = find_hinges(body(*HOURGLASS))
+    assert (hinge.parts, hinge.separates) == (2, True)
+    assert [h.separates for h in find_hinges(body(*TOWER))] == [True, True]
+    (held,) = find_hinges(body("01111", "01101", "01101", "00111"))  # a ring, closed by a vertex on one side
+    assert (held.parts, held.separates) == (2, False)
 
 
 def test_a_free_rhombus_follows_its_motor():
@@ -120,18 +128,18 @@ def test_a_free_rhombus_follows_its_motor():
     degree = np.bincount(rhombus.springs.ravel())
     shared = int(np.flatnonzero((degree[rhombus.springs] == 3).all(axis=1))[0])
     rhombus = body(*RHOMBUS, motors=(shared,))
-    motion = stroke(rhombus, SPEC, LAW)
+    motion = simulate_stroke(rhombus, SPEC, LAW)
     a, b = rhombus.springs[shared]
     tips = np.flatnonzero(degree == 2)
     for pose, diagonal in zip(motion.poses[[2, 5]], SPEC.motor_range, strict=True):
         assert np.linalg.norm(pose[a] - pose[b]) == pytest.approx(diagonal, abs=0.7)
         across = 2 * np.sqrt(SPEC.pitch**2 - (np.linalg.norm(pose[a] - pose[b]) / 2) ** 2)
         assert np.linalg.norm(np.subtract(*pose[tips])) == pytest.approx(across, abs=0.05)
-    assert shortening(motion, rhombus)[~rhombus.active].max() < 0.05
+    assert max_shortening(motion, rhombus)[~rhombus.active].max() < 0.05
 
 
 def test_a_stiff_wheel_holds_its_motor():
-    motion = stroke(body(*WHEEL), SPEC, LAW)
+    motion = simulate_stroke(body(*WHEEL), SPEC, LAW)
     assert np.abs(motion.poses - motion.rest).max() < 0.1
 
 
@@ -147,13 +155,13 @@ def at_pitch(found):
 def test_contacts_are_measured_between_surfaces():
     wheel = body(*WHEEL)
     rest = at_pitch(wheel)
-    assert nearest_contacts(moved(wheel, rest), wheel, SPEC) == []
+    assert find_contacts(moved(wheel, rest), wheel, SPEC) == []
     i = int(np.argmin(rest[:, 0]))
     j = int(np.argmax(rest[:, 0]))
     near = rest.copy()
     near[j] = rest[i] + [0, -10.0]
     (first, *_) = [
-        c for c in nearest_contacts(moved(wheel, near), wheel, SPEC) if c.parts == (f"mass {i}", f"mass {j}")
+        c for c in find_contacts(moved(wheel, near), wheel, SPEC) if c.parts == (f"mass {i}", f"mass {j}")
     ]
     assert first.gap == pytest.approx(10 - 2 * SPEC.mass.across_flats / np.sqrt(3))
     assert first.pose == "with S0 hot"
@@ -170,7 +178,7 @@ def test_a_coil_and_the_strip_beside_it_at_one_mass(angle):
     pose[motor] = pose[corner] + [SPEC.pitch, 0]
     pose[strip] = pose[corner] + SPEC.pitch * np.array([np.cos(np.radians(angle)), np.sin(np.radians(angle))])
     gap = SPEC.coil_seat * np.sin(np.radians(angle)) - (7.25 + 1) / 2
-    found = nearest_contacts(moved(triangle, pose), triangle, SPEC)
+    found = find_contacts(moved(triangle, pose), triangle, SPEC)
     assert [c.gap for c in found] == ([] if gap >= SPEC.clearance else [pytest.approx(gap)])
 
 
@@ -178,17 +186,17 @@ def test_contacts_at_rest_come_first_and_say_so():
     """Coils so wide that they touch at rest: 7.6 beside 7.5 mm apart."""
     wide = SPEC.model_copy(update={"coil": SPEC.coil.model_copy(update={"outer_diameter": 7.6})})
     triangle = body(*TRIANGLE, motors=(0, 1))
-    (contact,) = nearest_contacts(moved(triangle, at_pitch(triangle)), triangle, wide)
+    (contact,) = find_contacts(moved(triangle, at_pitch(triangle)), triangle, wide)
     assert contact.pose == AT_REST and contact.gap == pytest.approx(7.5 - 7.6)
 
 
 def test_leads_leave_beside_their_masses():
     wheel = body(*WHEEL, motors=(0, 5))
-    found = leads(moved(wheel, at_pitch(wheel)), wheel, SPEC)
+    found = find_leads(moved(wheel, at_pitch(wheel)), wheel, SPEC)
     assert [(lead.motor, lead.mass) for lead in found] == [
         (m, mass) for m, spring in enumerate(wheel.springs[wheel.active].tolist()) for mass in spring
     ]
-    assert min(lead.room for lead in found) > SPEC.clearance
+    assert min(lead.clearance for lead in found) > SPEC.clearance
     rest = at_pitch(wheel)
     first = found[0]
     other = wheel.springs[wheel.active][0].sum() - first.mass
@@ -197,9 +205,9 @@ def test_leads_leave_beside_their_masses():
     # A mass put over the hole leaves no room.
     far = int(np.linalg.norm(rest - hole, axis=1).argmax())
     rest[far] = hole
-    blocked = leads(moved(wheel, rest), wheel, SPEC)[0]
+    blocked = find_leads(moved(wheel, rest), wheel, SPEC)[0]
     assert blocked.nearest == f"mass {far}"
-    assert blocked.room == pytest.approx(-12 / np.sqrt(3) - SPEC.fitting.wire_guide / 2)
+    assert blocked.clearance == pytest.approx(-12 / np.sqrt(3) - SPEC.fitting.wire_guide / 2)
 
 
 def test_turns_in_the_sockets_are_what_the_mass_cannot_take_up():
@@ -220,7 +228,7 @@ def test_turns_in_the_sockets_are_what_the_mass_cannot_take_up():
 @pytest.mark.parametrize(("rows", "free"), [(WHEEL, 0), (HOURGLASS, 1), (TOWER, 2)])
 def test_mechanisms_change_no_length_and_hold_nothing_rigid(rows, free):
     found = body(*rows)
-    motions = mechanisms(found.positions, found.springs)
+    motions = find_mechanisms(found.positions, found.springs)
     assert len(motions) == free
     matrix = rigidity_matrix(found.positions, found.springs)
     for motion in motions:
@@ -234,7 +242,7 @@ def test_mechanisms_change_no_length_and_hold_nothing_rigid(rows, free):
 
 def test_the_drawing_shows_every_way_to_fold():
     hourglass = body(*HOURGLASS)
-    figure = findings_page(hourglass, check(hourglass, SPEC, PRINTER))
+    figure = draw_findings(hourglass, check(hourglass, SPEC, PRINTER))
     titles = [axes.get_title() for axes in figure.axes]
     assert titles[:2] == ["hinges, feet and faults", "folds with all springs (1 of 1)"]
     arrows = figure.axes[1].collections[-1]

@@ -11,15 +11,14 @@ from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.springs import SpringParameters
 from eldir_cad.checks.strip_law import StripLaw, built_parameters, spring_parameters
 from eldir_cad.geometry.parts import strip
-from eldir_cad.kit.fit import fitted_to_printer
-from eldir_cad.kit.printer import load_printer
+from eldir_cad.kit.printer import fit_to_printer, load_printer
 from eldir_cad.kit.specification import load_specification
-from eldir_hardware.markers.mark_sheet import MARK_DIAMETER
+from eldir_hardware.markers.registration import DISC_DIAMETER
 from eldir_hardware.rig.sections import SpringEntry
-from eldir_hardware.vision.virtual_camera import HEXAGON, STRIP
+from eldir_hardware.vision.virtual_camera import HUB_RADIUS, STRIP_THICKNESS
 
 PRINTER = load_printer()
-SPEC = fitted_to_printer(load_specification(), PRINTER)
+SPEC = fit_to_printer(load_specification(), PRINTER)
 CLAMPED = SPEC.model_copy(update={"strip": SPEC.strip.model_copy(update={"turn_deg": 0.0})})
 PINNED_LAW, CLAMPED_LAW = StripLaw.of(SPEC, PRINTER), StripLaw.of(CLAMPED, PRINTER)
 
@@ -33,9 +32,9 @@ def test_parts_and_built_scene_are_one_geometry():
     entry = SpringEntry.model_fields
     lengths = entry["cold_length_mm"].default, entry["hot_length_mm"].default
     assert lengths == SPEC.motor_range == (1e3 * springs.cold_length, 1e3 * springs.hot_length)
-    assert pytest.approx(1e3 * HEXAGON, rel=1e-3) == SPEC.mass.across_flats / math.sqrt(3)
-    assert SPEC.strip.thickness == 1e3 * STRIP
-    assert 0 < SPEC.mass.disc_diameter - 1e3 * MARK_DIAMETER <= 0.3
+    assert pytest.approx(1e3 * HUB_RADIUS, rel=1e-3) == SPEC.mass.across_flats / math.sqrt(3)
+    assert SPEC.strip.thickness == 1e3 * STRIP_THICKNESS
+    assert 0 < SPEC.mass.disc_diameter - 1e3 * DISC_DIAMETER <= 0.3
 
 
 def test_other_parts_make_another_scene():

@@ -14,16 +14,15 @@ from eldir.errors import EldirError
 from eldir_app.commands.coupon import coupon as command
 from eldir_cad.geometry import parts
 from eldir_cad.geometry.inspection import inspect, require_printable
-from eldir_cad.geometry.shapes import mesh_of
-from eldir_cad.geometry.thickness import facing_faces, self_intersections
-from eldir_cad.kit.fit import fitted_to_printer
-from eldir_cad.kit.printer import load_printer
+from eldir_cad.geometry.shapes import to_mesh
+from eldir_cad.geometry.thickness import measure_inclined, self_intersections
+from eldir_cad.kit.printer import fit_to_printer, load_printer
 from eldir_cad.kit.specification import load_specification
-from eldir_cad.packet.coupon import coupon, table, write_coupon
+from eldir_cad.packet.coupon import allowance_table, coupon_part, write_coupon
 from tests.raised import raises
 
 PRINTER = load_printer()
-SPEC = fitted_to_printer(load_specification(), PRINTER)
+SPEC = fit_to_printer(load_specification(), PRINTER)
 
 
 def block(x, y, z, at=(0.0, 0.0, 0.0)):
@@ -31,7 +30,7 @@ def block(x, y, z, at=(0.0, 0.0, 0.0)):
 
 
 def measured(solid):
-    return inspect(mesh_of(solid, "test"), PRINTER)
+    return inspect(to_mesh(solid, "test"), PRINTER)
 
 
 def test_a_block_has_nothing_but_walls():
@@ -57,11 +56,11 @@ def test_walls_and_slots_by_hand(turn):
 def test_a_wall_between_a_lying_hole_and_a_side():
     """A hole of 2 along y, 0.6 under the top: sides that lean are measured along their normals."""
     hole = Manifold.cylinder(20, 1.0, circular_segments=64).rotate((90, 0, 0)).translate((5, 15, 0))
-    mesh = mesh_of(block(10, 10, 6) - hole.translate((0, 0, 4.4)), "test")
+    mesh = to_mesh(block(10, 10, 6) - hole.translate((0, 0, 4.4)), "test")
     found = inspect(mesh, PRINTER)
     assert found.wall == pytest.approx(0.6, abs=0.01)
     assert found.gap == pytest.approx(2.0, abs=0.01)
-    every = facing_faces(mesh, np.arange(len(mesh.faces)))
+    every = measure_inclined(mesh, np.arange(len(mesh.faces)))
     assert found.wall == pytest.approx(every[0], abs=0.01)
 
 
@@ -144,9 +143,9 @@ def test_unions_do_not_cross_themselves(seed):
         .translate(tuple(rng.uniform(0, 1, 3)))
         for _ in range(3)
     ]
-    joined = mesh_of(solids[0] + solids[1] + solids[2], "test")
+    joined = to_mesh(solids[0] + solids[1] + solids[2], "test")
     assert self_intersections(joined) == []
-    heap = trimesh.util.concatenate([mesh_of(s, "test") for s in solids])
+    heap = trimesh.util.concatenate([to_mesh(s, "test") for s in solids])
     assert self_intersections(heap)
 
 
@@ -166,17 +165,17 @@ def test_the_kits_masses_as_they_are_measured(sockets):
 
 
 def test_a_part_finer_than_the_printer_is_refused():
-    mesh = mesh_of(block(10, 0.5, 4), "test")
+    mesh = to_mesh(block(10, 0.5, 4), "test")
     with raises(EldirError, "part.too-fine", match=r"part fin has a wall.*at least 0\.6 mm; found 0\.50 mm"):
         require_printable("fin", mesh, inspect(mesh, PRINTER), PRINTER)
-    mesh = mesh_of(block(10, 10, 4) - block(0.3, 20, 4, (4, -5, 2)), "test")
+    mesh = to_mesh(block(10, 10, 4) - block(0.3, 20, 4, (4, -5, 2)), "test")
     with raises(EldirError, "part.too-fine", match=r"part comb has a gap.*at least 0\.5 mm; found 0\.30 mm"):
         require_printable("comb", mesh, inspect(mesh, PRINTER), PRINTER)
 
 
 def test_a_strip_in_each_socket_of_the_coupon_has_that_clearance():
     spec = load_specification()
-    bar = coupon(spec)
+    bar = coupon_part(spec)
     assert len(bar.mesh.split()) == 1 and inspect(bar.mesh, PRINTER).wall >= PRINTER.minimum.wall - 1e-3
     advance = 1.25 * spec.mass.across_flats
     bottom = spec.mass.floor + 0.1
@@ -203,7 +202,7 @@ def test_the_coupons_folder(tmp_path, capsys):
     # A printer that makes every slot 0.05 narrower fits at 0.15 and wants that much more everywhere.
     (row,) = [r for r in rows if float(r["clearance_mm"]) == 0.15]
     wanted = PRINTER.model_copy(update={"allowance": float(row["allowance_for_the_profile_mm"])})
-    assert fitted_to_printer(load_specification(), wanted).clearance == pytest.approx(0.15)
+    assert fit_to_printer(load_specification(), wanted).clearance == pytest.approx(0.15)
     with raises(EldirError, "file.exists"):
         write_coupon(tmp_path / "coupon")
-    assert table(SPEC).count("\n") == len(rows) + 1
+    assert allowance_table(SPEC).count("\n") == len(rows) + 1

@@ -13,15 +13,14 @@ from hypothesis import strategies as st
 
 from eldir.errors import InputError
 from eldir_cad.geometry import parts, shapes
-from eldir_cad.kit.fit import fitted_to_printer
-from eldir_cad.kit.printer import load_printer
+from eldir_cad.kit.printer import fit_to_printer, load_printer
 from eldir_cad.kit.specification import load_specification
 from tests.paths import ROOT, SCHEMAS
 from tests.raised import raises
 
 DATA = ROOT / "cad" / "eldir_cad" / "kit" / "data"
 PRINTER = load_printer()
-SPEC = fitted_to_printer(load_specification(), PRINTER)
+SPEC = fit_to_printer(load_specification(), PRINTER)
 
 
 def hexagon_area(across_flats):
@@ -214,12 +213,12 @@ def test_missing_files_and_unknown_printers(tmp_path):
 def test_what_a_printer_cannot_print(minimum, message):
     coarse = PRINTER.model_copy(update={"minimum": PRINTER.minimum.model_copy(update=minimum)})
     with pytest.raises(InputError, match=message):
-        fitted_to_printer(load_specification(), coarse)
+        fit_to_printer(load_specification(), coarse)
 
 
 def test_the_printers_allowance_widens_sockets_only():
     tight = PRINTER.model_copy(update={"allowance": 0.05})
-    spec = fitted_to_printer(load_specification(), tight)
+    spec = fit_to_printer(load_specification(), tight)
     assert spec.clearance == pytest.approx(0.15)
     # A slot's sides move apart and its floor goes down; so does the hole for a peg.
     assert parts.socket(spec).area() > parts.socket(SPEC).area()

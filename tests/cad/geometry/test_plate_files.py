@@ -9,13 +9,11 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from eldir_cad.geometry.parts import mass
-from eldir_cad.geometry.plates import Plate
-from eldir_cad.geometry.threemf import Item, threemf
-from eldir_cad.kit.fit import fitted_to_printer
-from eldir_cad.kit.printer import load_printer
+from eldir_cad.geometry.plates import Item, Plate, threemf
+from eldir_cad.kit.printer import fit_to_printer, load_printer
 from eldir_cad.kit.specification import load_specification
 
-SPEC = fitted_to_printer(load_specification(), load_printer())
+SPEC = fit_to_printer(load_specification(), load_printer())
 # Corners on the three axes, each at its own distance: no turn but none leaves it as it is.
 TETRAHEDRON = trimesh.Trimesh(
     [[0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 3]], [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]

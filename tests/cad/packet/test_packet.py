@@ -6,7 +6,6 @@ import json
 import subprocess
 import sys
 import zipfile
-from contextlib import redirect_stdout
 from io import BytesIO
 from pathlib import Path
 
@@ -19,44 +18,32 @@ from lxml import etree
 from matplotlib.image import imread
 
 from eldir.core.pictures import png
-from eldir.design import Design
+from eldir.design import Design, marked_masses
 from eldir.errors import EldirError, InputError
 from eldir.genotype import random_genotypes
 from eldir.lattice import Lattice
-from eldir.marks import marked_masses
 from eldir.morphology import develop
 from eldir_app.commands.packet import packet as command
-from eldir_cad.geometry.assembly import assemble, spring_directions, tightest
+from eldir_cad.geometry.assembly import assemble, smallest_gap, spring_directions
 from eldir_cad.geometry.plates import nest
-from eldir_cad.kit.fit import fitted_to_printer
-from eldir_cad.kit.printer import load_printer
+from eldir_cad.kit.printer import fit_to_printer, load_printer
 from eldir_cad.kit.specification import load_specification
-from eldir_cad.packet.drawing import parts_picture, plate_picture
+from eldir_cad.packet._drawing import draw_parts, draw_plate
 from eldir_cad.packet.folder import write_packet
-from tests.cad.drawn_bodies import BLOCK, WHEEL, body, design
+from tests.cad.drawn_bodies import WHEEL, body, design
+from tests.cad.written_packet import ROBOT, written_packet
 from tests.paths import SCHEMAS
-from tests.processor_time import in_units, processor_seconds
 from tests.raised import raises
 
 SCHEMA = SCHEMAS / "packet-manifest.schema.json"
 PRINTER = load_printer()
-SPEC = fitted_to_printer(load_specification(), PRINTER)
+SPEC = fit_to_printer(load_specification(), PRINTER)
 CORE = "{http://schemas.microsoft.com/3dmanufacturing/core/2015/02}"
-ROBOT = design(*BLOCK, motors=(3, 20))
 
 
 @pytest.fixture(scope="module")
 def packet(tmp_path_factory):
-    """As the command writes it, and beside it what it said."""
-    folder = tmp_path_factory.mktemp("packets")
-    ROBOT.save(folder / "design.json")
-
-    def run():
-        with (folder / "said").open("w") as said, redirect_stdout(said):
-            command(folder / "design.json", folder / "packet", as_json=True)
-
-    assert in_units(processor_seconds(run)) < 4000  # it takes about 400
-    return folder / "packet"
+    return written_packet(tmp_path_factory)
 
 
 @pytest.fixture(scope="module")
@@ -205,11 +192,11 @@ def test_wiring_names_each_motor_of_each_face_once(packet):
     assert all(100 < int(r["lead_to_top_mm"]) < 110 + 1.2 * top for r in rows)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [*(pytest.param(n, marks=pytest.mark.stress) for n in (0, 1)), 2])
 def test_placed_parts_keep_their_clearance(seed):
     lattice = Lattice(6, 11)
     found = develop(lattice, random_genotypes(lattice, 1, np.random.default_rng(seed), 2)[0])
-    gap, one, other = tightest(assemble(found, SPEC))
+    gap, one, other = smallest_gap(assemble(found, SPEC))
     assert gap == pytest.approx(SPEC.clearance, rel=0.01), (one, other)
 
 
@@ -219,7 +206,9 @@ def test_clearance_check_finds_parts_that_intersect():
     loose = assemble(body(*WHEEL), SPEC)
     forced = assemble(body(*WHEEL), thick)
     parts = {**loose.parts, "passive_spring": forced.parts["passive_spring"]}
-    gap, *names = tightest(type(loose)(loose.morphology, loose.centres, loose.marks, parts, loose.placements))
+    gap, *names = smallest_gap(
+        type(loose)(loose.morphology, loose.centres, loose.marks, parts, loose.placements)
+    )
     assert gap == 0 and "passive_spring" in names
 
 
@@ -280,9 +269,9 @@ def test_a_long_part_is_turned_to_fit():
 
 
 def test_pictures_of_parts_and_plates_show_something():
-    made = assemble(body(*BLOCK), SPEC)
+    made = assemble(body(*WHEEL), SPEC)
     plate = nest(made.parts, made.counts, PRINTER)[0]
-    for figure in (parts_picture(list(made.parts.values())), plate_picture(plate, PRINTER)):
+    for figure in (draw_parts(list(made.parts.values())), draw_plate(plate, PRINTER)):
         assert imread(BytesIO(png(figure, dpi=50))).std() > 0.05
 
 

@@ -11,18 +11,15 @@ from eldir.design import Ballast, Variant
 from eldir.parameters.wiring import FACES, wiring
 from eldir_cad.checks.violations import BuildReport, Violation
 from eldir_cad.geometry.assembly import assemble
-from eldir_cad.kit.fit import fitted_to_printer
-from eldir_cad.kit.printer import load_printer
+from eldir_cad.kit.printer import fit_to_printer, load_printer
 from eldir_cad.kit.specification import load_specification
-from eldir_cad.packet.content import make
-from eldir_cad.packet.drawing import assembly_map
-from eldir_cad.packet.findings import findings_page
-from eldir_cad.packet.lists import bill_of_materials
-from eldir_cad.packet.traveller import order_of_work, traveller
+from eldir_cad.packet._content import bill_of_materials, make_content
+from eldir_cad.packet._drawing import draw_assembly_map
+from eldir_cad.packet._pages import draw_findings, draw_order_of_work, draw_traveller
 from tests.cad.drawn_bodies import BLOCK, HOURGLASS, WHEEL, body, design
 
 PRINTER = load_printer()
-SPEC = fitted_to_printer(load_specification(), PRINTER)
+SPEC = fit_to_printer(load_specification(), PRINTER)
 GRAMS = 11.0
 
 
@@ -33,7 +30,7 @@ def content():
     printer = PRINTER.model_copy(update={"wash": wash})
     ballast = Variant(None, Ballast(GRAMS, 6))
     report = BuildReport.of((), {})
-    return make(design(*WHEEL, motors=(0, 4)), report, SPEC, printer, ballast)
+    return make_content(design(*WHEEL, motors=(0, 4)), report, SPEC, printer, ballast)
 
 
 def words(pages):
@@ -48,13 +45,13 @@ def test_two_motors_need_a_coil_on_each_face_for_each(content):
 
 
 def test_parts_are_washed_as_long_as_the_printer_says_before_and_after_they_leave_the_plate(content):
-    told = words(traveller(content))
+    told = words(draw_traveller(content))
     assert f"Wash on the build plate: 3.5 min in {PRINTER.wash.solvent}" in told
     assert f"off the plate; wash 8 min in {PRINTER.wash.rinse}" in told
 
 
 def test_the_order_of_work_tells_the_ballast_of_both_holders_together(content):
-    told = words(order_of_work(content))
+    told = words(draw_order_of_work(content))
     shot, whole = map(float, re.search(r"glue ([\d.]+) g of .* each, ([\d.]+) g with", told).groups())
     holder = content.assembly.parts["ballast_holder"].volume * 1e-3 * PRINTER.material.density
     assert whole == pytest.approx(2 * (shot + holder), abs=0.02)
@@ -64,7 +61,7 @@ def test_the_order_of_work_tells_the_ballast_of_both_holders_together(content):
 def test_the_map_of_the_back_is_mirrored_as_the_robot_is_from_there():
     """Who walks around the robot sees its foremost mass on the other side, and no mass higher or lower."""
     made = assemble(body(*BLOCK), SPEC)
-    figure = assembly_map(made, wiring(1))
+    figure = draw_assembly_map(made, wiring(1))
     front, back = (
         {int(t.get_text()): t.get_position() for t in axes.texts if t.get_text().isdigit()}
         for axes in figure.axes
@@ -107,6 +104,6 @@ def test_a_cross_is_on_the_faulty_masses_alone():
     hourglass = body(*HOURGLASS)
     fault = Violation("crowded", "unfit", ("mass 3 front", "mass 1"), 1.0, "mm", "too near", "move it")
     hinge = Violation("hinge", "note", ("mass 2",), 1.0, "", "it turns", "look")
-    axes = findings_page(hourglass, BuildReport.of((fault, hinge), {})).axes[0]
+    axes = draw_findings(hourglass, BuildReport.of((fault, hinge), {})).axes[0]
     at = {line.get_marker(): line.get_xydata() for line in axes.lines}
     assert at["X"].tolist() == hourglass.positions[[1, 3]].tolist()

@@ -9,17 +9,15 @@ import numpy as np
 import pytest
 
 from eldir.built.robot import build
-from eldir.design import Ballast, Design, Variant
+from eldir.design import Ballast, Design, Variant, marked_masses
 from eldir.errors import InputError
-from eldir.marks import marked_masses
-from eldir_cad.kit.fit import fitted_to_printer
-from eldir_cad.kit.printer import load_printer
+from eldir_cad.kit.printer import fit_to_printer, load_printer
 from eldir_cad.kit.specification import load_specification
 from eldir_cad.packet.folder import apply_variant, write_packet
 from tests.cad.drawn_bodies import BLOCK, design
 from tests.raised import raises
 
-SPEC = fitted_to_printer(load_specification(), load_printer())
+SPEC = fit_to_printer(load_specification(), load_printer())
 ROBOT = design(*BLOCK, motors=(3, 20))
 
 
@@ -31,7 +29,7 @@ def control(tmp_path_factory):
     robot = replace(ROBOT, provenance={"generation": 3, "id": 24})
     variant = Variant(0, Ballast.parse("9g@front", ROBOT.morphology))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("eldir_cad.packet.folder.pdf", lambda figures: pages.extend(figures) or b"")
+        patch.setattr("eldir_cad.packet.folder.to_pdf", lambda figures: pages.extend(figures) or b"")
         return path, write_packet(robot, path, variant=variant), pages
 
 

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from eldir.genotype import Genotype
 from eldir.lattice import Lattice
 from eldir.morphology import Morphology, develop
-from eldir_cad.shortlist.ranking import ALIKE, diverse_first, shared_springs
+from eldir_cad.shortlist.ranking import MAX_SIMILARITY, diverse_first, spring_overlap
 from tests.eldir.evolution.printed.small_searches import SMALL, genomes
 
 LATTICE = Lattice(2, 9)
@@ -24,18 +24,18 @@ def bar(*triangles: int, row: int = 0) -> Morphology:
 
 def test_springs_in_common_are_counted_once() -> None:
     """Two triangles have five springs, three have seven: five in common."""
-    assert shared_springs(bar(0, 1), bar(0, 1, 2)) == pytest.approx(5 / 7)
-    assert shared_springs(bar(0, 1), bar(0, 1)) == 1.0
+    assert spring_overlap(bar(0, 1), bar(0, 1, 2)) == pytest.approx(5 / 7)
+    assert spring_overlap(bar(0, 1), bar(0, 1)) == 1.0
 
 
 def test_a_body_is_like_itself_anywhere_on_the_ground() -> None:
-    assert shared_springs(bar(0, 1, 2), bar(4, 5, 6)) == 1.0
-    assert shared_springs(bar(1, 2), bar(6, 7, 8)) == shared_springs(bar(1, 2), bar(0, 1, 2))
+    assert spring_overlap(bar(0, 1, 2), bar(4, 5, 6)) == 1.0
+    assert spring_overlap(bar(1, 2), bar(6, 7, 8)) == spring_overlap(bar(1, 2), bar(0, 1, 2))
 
 
 def test_neighbouring_triangles_point_either_way_and_differ() -> None:
-    assert shared_springs(bar(0), bar(1)) < 1.0
-    assert shared_springs(bar(0), bar(2)) == 1.0
+    assert spring_overlap(bar(0), bar(1)) < 1.0
+    assert spring_overlap(bar(0), bar(2)) == 1.0
 
 
 @settings(max_examples=60, deadline=None)
@@ -43,9 +43,9 @@ def test_neighbouring_triangles_point_either_way_and_differ() -> None:
 def test_likeness_goes_both_ways_and_is_whole_for_equal_bodies_alone(
     one: Morphology, other: Morphology
 ) -> None:
-    share = shared_springs(one, other)
-    assert share == shared_springs(other, one) and 0.0 <= share <= 1.0
-    assert shared_springs(one, one) == 1.0
+    share = spring_overlap(one, other)
+    assert share == spring_overlap(other, one) and 0.0 <= share <= 1.0
+    assert spring_overlap(one, one) == 1.0
     placed = [
         {tuple(p) for p in np.round(1e6 * (b.positions[b.springs].mean(axis=1) - b.positions.min(axis=0)))}
         for b in (one, other)
@@ -54,14 +54,14 @@ def test_likeness_goes_both_ways_and_is_whole_for_equal_bodies_alone(
 
 
 @settings(max_examples=60, deadline=None)
-@given(st.lists(st.sampled_from(range(len(BODIES))), max_size=8), st.sampled_from([0.2, 0.5, ALIKE]))
+@given(st.lists(st.sampled_from(range(len(BODIES))), max_size=8), st.sampled_from([0.2, 0.5, MAX_SIMILARITY]))
 def test_the_first_of_those_that_are_alike_comes_first(chosen: list[int], alike: float) -> None:
     bodies = [BODIES[k] for k in chosen]
     order = diverse_first(bodies, alike)
     assert sorted(order) == list(range(len(bodies)))
     first: list[int] = []
     for k in range(len(bodies)):
-        if all(shared_springs(bodies[k], bodies[f]) <= alike for f in first):
+        if all(spring_overlap(bodies[k], bodies[f]) <= alike for f in first):
             first.append(k)
     assert order[: len(first)] == first
     assert order[len(first) :] == sorted(order[len(first) :])

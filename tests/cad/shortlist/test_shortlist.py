@@ -8,11 +8,11 @@ import jsonschema
 import numpy as np
 import pytest
 
-from eldir.built.gait import Gait, gait_of
-from eldir.built.robot import build
-from eldir.built.samples import SampledWalks, sampled_walks
-from eldir.built.screening import Screened
-from eldir.built.statics import shape_fault
+from eldir.built import screening
+from eldir.built.gait import Gait, read_gait
+from eldir.built.robot import build, find_shape_fault
+from eldir.built.samples import SampledWalks, sample_walks
+from eldir.built.screening import ScreeningResult
 from eldir.built.walking import displacements
 from eldir.design import Design
 from eldir.errors import EldirError, InputError
@@ -32,6 +32,7 @@ from tests.paths import SCHEMAS
 from tests.raised import raises
 
 SCHEMA = SCHEMAS / "ranking.schema.json"
+SAMPLES, CYCLES = 2, 2
 # Two legs 100 mm apart, a mechanism that its two motors close.
 WALKER = design("1111100", "1100111", "0100010", "0000000", motors=(17, 23))
 
@@ -39,7 +40,9 @@ WALKER = design("1111100", "1100111", "0100010", "0000000", motors=(17, 23))
 @pytest.fixture(scope="module")
 def ranked(tmp_path_factory):
     patch = pytest.MonkeyPatch()
-    patch.setattr(module, "sampled_walks", partial(sampled_walks, n=3))  # sixteen take five times as long
+    # Sixteen samples and five cycles take twenty times as long.
+    patch.setattr(module, "sample_walks", partial(sample_walks, n=SAMPLES, cycles=1))
+    patch.setattr(screening, "CYCLES", CYCLES)
     stages = []
     found = rank(
         [WALKER, design(*TOWER), WALKER, design(*BLOCK, motors=(40, 41, 42))],
@@ -74,7 +77,7 @@ def test_files_say_what_is_predicted(ranked):
 
 
 def test_the_predicted_displacement_is_that_of_the_gait(ranked):
-    from eldir.built.gait import CYCLES, free_lengths
+    from eldir.built.gait import free_lengths
     from eldir.parameters.springs import SpringParameters
 
     found, rows, _, _ = ranked
@@ -82,7 +85,7 @@ def test_the_predicted_displacement_is_that_of_the_gait(ranked):
     gait = found.candidates[0].gait
     again = displacements(
         [build(WALKER.morphology)],
-        [free_lengths(gait, springs)],
+        [free_lengths(gait, springs, CYCLES)],
         CYCLES,
         (springs.cold_length, springs.hot_length),
     )
@@ -92,8 +95,8 @@ def test_the_predicted_displacement_is_that_of_the_gait(ranked):
     assert predicted["mean"] == pytest.approx(np.mean(walks[np.isfinite(walks)]))
     with_falls = np.where(np.isfinite(walks), walks, 0.0)
     assert predicted["expected"] == pytest.approx(with_falls.mean())
-    assert predicted["standard_error"] == pytest.approx(with_falls.std(ddof=1) / np.sqrt(3))
-    assert predicted["samples"] == 3
+    assert predicted["standard_error"] == pytest.approx(with_falls.std(ddof=1) / np.sqrt(SAMPLES))
+    assert predicted["samples"] == SAMPLES
     length = 57 * np.ptp(WALKER.morphology.positions[:, 0]) / 0.05  # the printed pitch, not the lattice's
     five = with_falls.mean() * length
     assert 5 * predicted["mm_per_cycle"] == pytest.approx(five)
@@ -103,7 +106,7 @@ def test_the_predicted_displacement_is_that_of_the_gait(ranked):
 def test_a_nominal_robot_that_falls_has_no_walk(tmp_path):
     """Evolved with its gait, in which samples of it stay upright."""
     gait = Gait(20.0, np.zeros(2), np.full(2, 0.25), "evolved")
-    fallen = Screened(0, 0.03, 0, np.array([-np.inf]), gait, True, "")
+    fallen = ScreeningResult(0, 0.03, 0, np.array([-np.inf]), gait, True, "")
     walks = SampledWalks(np.array([0.5, 0.7]))
     one = RankedDesign(WALKER, BuildReport.of((), {}), fallen, gait, walks)
     write_shortlist(Shortlist((one,), 1, {}), tmp_path / "shortlist")
@@ -119,12 +122,12 @@ def test_the_counts_add_up(top, monkeypatch):
     """Bodies on the list and all that were left out, with a place for few or for all of ten that stand."""
     walker = WALKER.morphology
     gait = Gait(20.0, np.zeros(walker.motors), np.full(walker.motors, 0.25))
-    stands = [Screened(i, 0.03, 0, np.array([0.5 - 0.01 * i]), gait, True, "") for i in range(10)]
-    monkeypatch.setattr(module, "_different", lambda designs: [WALKER] * 10)
-    monkeypatch.setattr(module, "_filtered", lambda different, *_: [(d, None) for d in different])
+    stands = [ScreeningResult(i, 0.03, 0, np.array([0.5 - 0.01 * i]), gait, True, "") for i in range(10)]
+    monkeypatch.setattr(module, "_unique_bodies", lambda designs: [WALKER] * 10)
+    monkeypatch.setattr(module, "_filter_buildable", lambda designs, *_: [(d, None) for d in designs])
     monkeypatch.setattr(module, "screen", lambda *_, **__: stands)
     still = SampledWalks(np.zeros(2), np.zeros(2))
-    monkeypatch.setattr(module, "sampled_walks", lambda robots, gaits, seed, mass_scaling: [still])
+    monkeypatch.setattr(module, "sample_walks", lambda robots, gaits, seed, mass_scaling: [still])
     found = rank([], top)
     assert len(found.candidates) == top
     assert found.considered == top + sum(found.left_out.values()) == 10
@@ -137,8 +140,8 @@ def test_progress_goes_to_the_end_of_each_stage(ranked):
 
 def test_clamped_strips_hold_what_pins_let_fold():
     hourglass = design(*HOURGLASS, motors=(4,)).morphology
-    assert "1 free mechanisms" in shape_fault(build(hourglass))
-    assert shape_fault(build(hourglass, BuiltParameters.clamped())) == ""
+    assert "1 free mechanisms" in find_shape_fault(build(hourglass))
+    assert find_shape_fault(build(hourglass, BuiltParameters.clamped())) == ""
 
 
 def test_a_run_without_a_sound_design(tmp_path):
@@ -190,7 +193,7 @@ def test_what_evolved_with_a_gait_walks_in_it_and_falls_count(tmp_path, monkeypa
         motors = int(np.flatnonzero(robots.morphology.active).sum())
         return [SampledWalks(np.array(walks[motors]), np.zeros(4))]
 
-    monkeypatch.setattr(module, "sampled_walks", sampled)
+    monkeypatch.setattr(module, "sample_walks", sampled)
     monkeypatch.setattr(module, "screen", lambda *_, **__: pytest.fail("phases were searched"))
     monkeypatch.setattr(module, "check", lambda *_: BuildReport.of((), {}))
     monkeypatch.setattr(module, "walk", lambda *_: 1.9)
@@ -200,7 +203,7 @@ def test_what_evolved_with_a_gait_walks_in_it_and_falls_count(tmp_path, monkeypa
     rows = write_shortlist(found, tmp_path / "list")
     assert [r.predicted.sampled_walks.fell for r in rows] == [0, 2]
     assert rows[1].predicted.sampled_walks.expected == pytest.approx(1.025)
-    assert gait_of(Design.load(tmp_path / "list" / rows[0].file)) == evolved
+    assert read_gait(Design.load(tmp_path / "list" / rows[0].file)) == evolved
 
 
 def test_of_robots_with_a_gait_those_that_differ_are_sampled_first(monkeypatch):
@@ -215,7 +218,7 @@ def test_of_robots_with_a_gait_those_that_differ_are_sampled_first(monkeypatch):
         sampled.append(next(k for k, d in enumerate(designs) if d.morphology == robots.morphology))
         return [SampledWalks(np.ones(4), np.zeros(4))]
 
-    monkeypatch.setattr(module, "sampled_walks", walks)
+    monkeypatch.setattr(module, "sample_walks", walks)
     monkeypatch.setattr(module, "check", lambda *_: BuildReport.of((), {}))
     monkeypatch.setattr(module, "walk", lambda *_: 1.0)
     for top, looked_at in ((1, [0, 2]), (2, [0, 2, 1]), (3, [0, 2, 1])):

@@ -39,7 +39,7 @@ def test_each_cycle_is_told_once_when_it_is_whole(design):
     length = build(design.morphology).body_length
     whole = Motion(Trajectory(NAMES, TIMES, POSITIONS), SCHEDULE.start_of_cycles, 2.0, 3, length)
     np.testing.assert_allclose([r.ranges["tracked"] for _, r in told], whole.vertical_ranges(), rtol=1e-6)
-    np.testing.assert_allclose([r.walked for _, r in told], 0.02 * 2.0 / length, rtol=1e-6)
+    np.testing.assert_allclose([r.displacement for _, r in told], 0.02 * 2.0 / length, rtol=1e-6)
 
 
 def test_predictions_appear_when_they_are_known_cycle_by_cycle(design):

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from eldir.built.gait import Gait
-from eldir.built.samples import NominalRobots, sampled_walks
-from eldir.built.scene import BuiltScene
+from eldir.built.samples import NominalRobots, sample_walks
+from eldir.built.scene import PrintedScene
 from eldir.core.worker_process import WorkerProcess
 from eldir.design import Ballast, Variant
 from eldir.errors import EldirError, InputError
@@ -21,10 +21,10 @@ from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
 from eldir.trajectory import Trajectory
 from eldir_cad.packet.folder import apply_variant
-from eldir_calibration.comparison.predictions import motions_without_camera, predict_runs
+from eldir_calibration.comparison.predictions import predict_motions, predict_runs
 from eldir_calibration.comparison.recorded_run import LoggedRun, RecordedRun
 from eldir_calibration.dynamics.recording import Recording
-from eldir_calibration.identification.identification import filmed_gait
+from eldir_calibration.identification.identification import read_filmed_gait
 from eldir_calibration.report.comparison import Motion
 from eldir_hardware.log.reader import RunLog
 from eldir_hardware.planning.compiler import compile_schedule
@@ -96,11 +96,11 @@ def test_all_robots_in_one_batch_move_as_each_alone(driven: RecordedRun) -> None
     ballast = Variant(ballast=Ballast(9.0, 0))
     heavier = RecordedRun(replace(driven.design, variant=ballast), driven.schedule, driven.rig)
     nominal = RobotParameters(driven.robot.parameters, driven.rig.spring_parameters())
-    known = BuiltScene.of(nominal.at(["hot_length"], [-1.0]), (), np.zeros((0, 0)))
+    known = PrintedScene.of(nominal.at(["hot_length"], [-1.0]), (), np.zeros((0, 0)))
     with WorkerProcess("eldir_calibration.comparison.predictions") as worker:
         worker.begin(predict_runs, [driven, heavier], known, 2)
         found = worker.value()
-    evolved, alone = motions_without_camera(driven.design, driven.schedule, driven.rig)
+    evolved, alone = predict_motions(driven.design, driven.schedule, driven.rig).values()
     assert found.before is not None and same(found.before, alone) and same(found.evolved, evolved)
     soft, heavy = (m.trajectory.positions for m in found.own)
     assert np.abs(soft - alone.trajectory.positions).max() > 1e-3
@@ -119,7 +119,7 @@ def test_samples_are_those_that_a_gait_was_planned_with(driven: RecordedRun) -> 
     robots = NominalRobots(
         design.morphology, RobotParameters(BuiltParameters(), driven.rig.spring_parameters())
     )
-    (planned,) = sampled_walks(robots, [gait], 6, 0)
+    (planned,) = sample_walks(robots, [gait], 6, 0)
     stand = np.isfinite(planned.displacement)
     assert 2 <= stand.sum() < 6, "some fall"
     assert np.isfinite(found.walks).tolist() == stand.tolist() and found.fell == (~stand).sum()
@@ -141,13 +141,13 @@ def test_a_control_robot_follows_the_intact_ones_schedule(driven: RecordedRun) -
         Path("log.mcap"), tracked, (), *[np.zeros(0)] * 2, (), *[np.zeros(0)] * 2, (), {}, 0, 0, None
     )
     film = Recording(tracked, np.zeros((1, 1)), found.start, found.period, found.cycles)
-    seen = filmed_gait(LoggedRun(control.design, control.schedule, control.rig, log), film)
+    seen = read_filmed_gait(LoggedRun(control.design, control.schedule, control.rig, log), film)
     assert seen is not None and seen.gait.phase.tolist() == [0.0]
     assert seen.gait.duty == pytest.approx([0.2])
 
 
 def test_a_sample_that_falls_is_no_walk(driven: RecordedRun, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("eldir.built.walking.TOPPLED", 0.0)
+    monkeypatch.setattr("eldir.built.walking.TOPPLED_ANGLE", 0.0)
     found = predict_runs([driven], samples=2)
     assert found.samples.fell == 2 and np.isnan(found.samples.swings).all()
     assert len(found.own) == 1, "the nominal robot's motion is shown all the same"
@@ -168,7 +168,7 @@ def test_a_run_that_ended_early_has_its_whole_cycles(driven: RecordedRun) -> Non
 
     assert motion(start + 3 * period + 0.1).cycles == motion(start + 9 * period).cycles == 3
     assert motion(start + 2.5 * period).cycles == 2
-    with raises(InputError, "log.too-short", match=r"log\.mcap .*last said: emergency stop"):
+    with raises(InputError, "log.too-short", match=r"log\.mcap .*last message of its player: emergency stop"):
         motion(start + 0.5 * period)
 
 
@@ -182,6 +182,6 @@ def test_the_robot_has_hubs_unless_the_engine_moves_it(driven: RecordedRun) -> N
         ),
         driven.rig.model_copy(update={"kind": "real"}),
     ):
-        paths.append(motions_without_camera(driven.design, driven.schedule, rig)[1].trajectory.positions)
+        paths.append(predict_motions(driven.design, driven.schedule, rig)["predicted"].trajectory.positions)
     pins, mujoco, real = paths
     assert np.array_equal(mujoco, real) and np.abs(pins - real).max() > 1e-5

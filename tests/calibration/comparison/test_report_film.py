@@ -8,7 +8,13 @@ import pytest
 
 from eldir.trajectory import Trajectory
 from eldir_calibration.comparison import film as filming
-from eldir_calibration.comparison.film import LARGEST, PICTURES, PredictedBody, _at, film_of
+from eldir_calibration.comparison.film import (
+    MAX_PICTURES,
+    MAX_SIZE,
+    PredictedBody,
+    _positions_at,
+    render_film,
+)
 from eldir_calibration.report.comparison import Motion
 from eldir_hardware.camera.plane import Plane
 from eldir_hardware.log.reader import read_log
@@ -36,7 +42,7 @@ def film(tmp_path, noise: float) -> tuple[bytes, list[np.ndarray]]:
     walked = places(0.003)[:, [0, 2]]
     motion = Motion(Trajectory(("m1", "m2"), TIMES, walked), START, PERIOD, CYCLES, 0.1)
     body = PredictedBody(TIMES, places(0.006) + np.array([0.5, 0.0]), SPRINGS, np.array([0, 2]))
-    data = film_of(read_log(tmp_path / "log.mcap"), PLANE, motion, body)
+    data = render_film(read_log(tmp_path / "log.mcap"), PLANE, motion, body)
     (tmp_path / "film.webm").write_bytes(data)
     shown = cv2.VideoCapture(str(tmp_path / "film.webm"))
     pictures = []
@@ -56,12 +62,12 @@ def orange(picture: np.ndarray) -> np.ndarray:
 )
 def test_a_picture_shows_the_predicted_body_of_the_nearest_instant(t, row):
     body = PredictedBody(TIMES, places(0.006), SPRINGS, np.array([0, 2]))
-    assert np.array_equal(_at(body, t), body.positions[row])
+    assert np.array_equal(_positions_at(body, t), body.positions[row])
 
 
 def test_the_predicted_body_starts_where_the_robot_is_and_walks_by_itself(tmp_path):
     data, pictures = film(tmp_path, noise=1.0)
-    assert len(pictures) == PICTURES and len(data) < LARGEST
+    assert len(pictures) == MAX_PICTURES and len(data) < MAX_SIZE
     # The cut spans both walks: the film's scale is that of its width.
     spans = [orange(picture) for picture in (pictures[0], pictures[-1])]
     body_px = np.ptp(spans[0])

@@ -9,21 +9,21 @@ import numpy as np
 
 from eldir.built.gait import DUTY, PERIOD, SETTLE, Gait
 from eldir.built.robot import build
+from eldir.design import marked_masses
 from eldir.genotype import Genotype
 from eldir.lattice import Lattice
-from eldir.marks import marked_masses
 from eldir.morphology import Morphology, develop
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
 from eldir.trajectory import Trajectory
-from eldir_calibration.dynamics.recording import INTERVAL, FilmedBody, Recording, predict_marks
-from eldir_calibration.dynamics.settings import DEFAULT_SETTINGS
-from eldir_hardware.virtual.bodies import far_from
+from eldir_calibration.dynamics.configuration import DEFAULT_CONFIG
+from eldir_calibration.dynamics.recording import INTERVAL, FilmedBody, Recording, predict_markers
+from eldir_hardware.virtual.bodies import sample_large_spread
 
 NOMINAL = RobotParameters()
 SOFT = RobotParameters(BuiltParameters(tension=5e3))
 """Soft strips allow long steps: quick."""
-QUICK = replace(DEFAULT_SETTINGS, starts=2, followed=((1, 3),), rounds=(4,), joint_rounds=(3, 3))
+QUICK = replace(DEFAULT_CONFIG, starts=2, refinement_stages=((1, 3),), rounds=(4,), joint_rounds=(3, 3))
 """Few starting points and rounds: enough where the hidden robot is near and its parameters are few."""
 CELLS = ((3, 1), (3, 2), (3, 3), (3, 5), (4, 2), (4, 3), (4, 4), (4, 5), (5, 4))
 MOTORS = (1, 3), (5, 6)
@@ -46,16 +46,16 @@ def walker() -> FilmedBody:
     return FilmedBody(body, marked_masses(body))
 
 
-def heating(cycles: int, phase: float = PHASE) -> np.ndarray:
+def heating(cycles: int, phase: float = PHASE, period: float = PERIOD) -> np.ndarray:
     """Which part of each interval each motor is on, shape (steps, 2)."""
-    gait = Gait(PERIOD, np.array([0.0, phase]), np.full(2, DUTY))
-    starts = np.arange(round((SETTLE + PERIOD * (1 + cycles)) / INTERVAL)) * INTERVAL
-    return gait.on(starts - SETTLE + 1e-9).astype(float)
+    gait = Gait(period, np.array([0.0, phase]), np.full(2, DUTY))
+    starts = np.arange(round((SETTLE + period * (1 + cycles)) / INTERVAL)) * INTERVAL
+    return gait.is_heating(starts - SETTLE + 1e-9).astype(float)
 
 
 def hidden(seed: int, nominal: RobotParameters = NOMINAL) -> RobotParameters:
     """A robot far from nominal, its strips as long as drawn."""
-    far = far_from(nominal, seed)
+    far = sample_large_spread(nominal, seed)
     return replace(far, printed=replace(far.printed, geometry=0.0))
 
 
@@ -85,20 +85,21 @@ def film(
     noise: float = 0.15e-3,
     hidden_share: float = 0.05,
     phase: float = PHASE,
+    period: float = PERIOD,
 ) -> Recording:
     """Ten frames a second of a run, with the camera's noise [m] and marks that hide for a second or so."""
-    blank = blank_film(body, cycles, phase=phase)
-    x = predict_marks(body, [blank], [truth])[0][0]
+    blank = blank_film(body, cycles, phase=phase, period=period)
+    x = predict_markers(body, [blank], [truth])[0][0]
     return seen_by_camera(blank, x, seed, noise=noise, hidden_share=hidden_share)
 
 
-def blank_film(body: FilmedBody, cycles: int, *, phase: float = PHASE) -> Recording:
+def blank_film(body: FilmedBody, cycles: int, *, phase: float = PHASE, period: float = PERIOD) -> Recording:
     """A recording at ten frames a second in which nothing moves."""
-    on = heating(cycles, phase)
+    on = heating(cycles, phase, period)
     times = np.arange(0, len(on) * INTERVAL, 0.1)
-    names = tuple(f"m{i + 1}" for i in range(len(body.marks)))
+    names = tuple(f"m{i + 1}" for i in range(len(body.marker_masses)))
     nothing = Trajectory(names, times, np.zeros((len(times), len(names), 2)))
-    return Recording(nothing, on, SETTLE + PERIOD, PERIOD, cycles)
+    return Recording(nothing, on, SETTLE + period, period, cycles)
 
 
 def seen_by_camera(

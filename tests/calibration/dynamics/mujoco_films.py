@@ -12,24 +12,22 @@ from dataclasses import dataclass
 import numpy as np
 
 from eldir.built.heat import SpringState, heat
-from eldir.built.robot import build
-from eldir.built.statics import least_opening
-from eldir.built.walking import FOLDED, TOPPLED, rotation
+from eldir.built.robot import build, min_area_ratio
+from eldir.built.walking import FOLDED_AREA_RATIO, TOPPLED_ANGLE, rotation
 from eldir.core.records import FloatArray
+from eldir.design import marked_masses
 from eldir.errors import EldirError
 from eldir.genotype import random_genotypes
 from eldir.lattice import Lattice
-from eldir.marks import marked_masses
 from eldir.morphology import develop
-from eldir.parameters.robot import RobotParameters, drawn_feet
-from eldir_cad.kit.defaults import PRINTER
+from eldir.parameters.robot import RobotParameters, sample_feet
+from eldir_cad.kit import PRINTER
 from eldir_cad.kit.printer import load_printer
 from eldir_cad.kit.specification import load_specification
-from eldir_cad.multibody.model import Multibody, multibody
-from eldir_calibration.dynamics.measurements import Measurements
-from eldir_calibration.dynamics.recording import INTERVAL, FilmedBody, Recording
+from eldir_cad.multibody.model import Multibody, build_multibody
+from eldir_calibration.dynamics.recording import INTERVAL, FilmedBody, Measurements, Recording
 from eldir_hardware.virtual.mujoco_body import TILT_SCATTER, MujocoMotion
-from tests.calibration.dynamics.hidden_rigs import blank_film, hidden, seen_by_camera
+from tests.calibration.dynamics.hidden_rigs import PERIOD, blank_film, hidden, seen_by_camera
 
 CYCLES = 3
 """Of which the last is held out. The films of the model's own kind have five, which takes twice as long."""
@@ -68,26 +66,27 @@ def second_rig(
     phase: float,
     cycles: int = CYCLES,
     simpler: Callable[[Multibody], Multibody] = lambda model: model,
+    period: float = PERIOD,
 ) -> SecondRig:
     """The robot with the hidden parameters of `seed`, filmed in MuJoCo over one cycle, and `cycles` that
-    count. `simpler` takes laws of the model away (`eldir_cad.multibody.simpler`)."""
+    count. `simpler` takes laws of the model away (`eldir_cad.multibody.model`)."""
     truth, further = hidden(seed), np.random.default_rng([seed, 6])
-    feet = drawn_feet(len(body.morphology.positions), further)
+    feet = sample_feet(len(body.morphology.positions), further)
     tilt = float(TILT_SCATTER * further.standard_normal())
-    model = multibody(
+    model = build_multibody(
         body.morphology,
         load_specification(),
         load_printer(PRINTER),
         truth.printed,
-        feet=feet,
+        friction_factors=feet,
         tilt=tilt,
     )
     model = simpler(model)
-    blank = blank_film(body, cycles, phase=phase)
+    blank = blank_film(body, cycles, phase=phase, period=period)
     free = truth.free_lengths
-    own = truth.springs_of(body.morphology.motors)
+    own = truth.motor_springs(body.morphology.motors)
     cold = SpringState(np.array([s.ambient for s in own]), np.ones(len(own)))
-    heated = heat(blank.on, INTERVAL, own, cold).length
+    heated = heat(blank.contact_shares, INTERVAL, own, cold).length
     lay = np.full((round(_LAY / INTERVAL) + 1, len(own)), free[0])
     lengths = np.concatenate([lay, heated])
     try:
@@ -95,11 +94,11 @@ def second_rig(
         fault = _fault(body, truth, positions, model.coil_commands(lengths, free)[0] - coils, lengths)
     except EldirError:
         positions, fault = np.full((len(lengths), *body.morphology.positions.shape), np.nan), "fails"
-    filmed = positions[len(lay) - 1 :, body.marks]
+    filmed = positions[len(lay) - 1 :, body.marker_masses]
     times = np.arange(len(filmed)) * INTERVAL
-    t = blank.within
+    t = blank.frame_times
     marks = np.stack(
-        [[np.interp(t, times, filmed[:, m, d]) for d in range(2)] for m in range(len(body.marks))]
+        [[np.interp(t, times, filmed[:, m, d]) for d in range(2)] for m in range(len(body.marker_masses))]
     ).transpose(2, 0, 1)
     if not fault and np.ptp(marks[..., 1], axis=0).max() < _LEAST_RANGE:
         fault = "hardly moves"
@@ -131,9 +130,9 @@ def _fault(
     lengths: FloatArray,
 ) -> str:
     robot = build(body.morphology, truth.printed)
-    if np.abs(rotation(robot.positions, positions)).max() > TOPPLED:
+    if np.abs(rotation(robot.positions, positions)).max() > TOPPLED_ANGLE:
         return "turns over"
-    if least_opening(robot, positions) < FOLDED:
+    if min_area_ratio(robot, positions) < FOLDED_AREA_RATIO:
         return "folds"
     if (shortened > truth.springs.buckling_shortening(lengths)).any():
         return "buckles a coil"

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eldir.built.scene import BuiltScene, FittedErrors
-from eldir_calibration.dynamics.cycles import Cycles
+from eldir.built.scene import FittedErrors, PrintedScene
+from eldir_calibration.dynamics._model_check import CycleMotions
 from eldir_calibration.dynamics.recording import Recording
-from eldir_calibration.dynamics.verdict import predictions
+from eldir_calibration.dynamics.verdict import describe_predictions
 from tests.calibration.dynamics.hidden_rigs import PERIOD, blank_film, walker
 from tests.paths import DATA
 
@@ -35,11 +35,11 @@ def test_errors_of_ranges_and_walks_cycle_by_cycle() -> None:
     blank = blank_film(walker(), 3)
     true = moving(blank, np.ones(3), np.array([0.01, 0.02, -0.01]))
     film = filmed(blank, true)
-    found = Cycles.of(film, true)
+    found = CycleMotions.of(film, true)
     assert found.ranges == pytest.approx(np.tile(RANGES, (3, 1)), rel=1e-3)
     assert found.walks == pytest.approx([0.01, 0.02, -0.01], abs=1e-4)
     assert found.per_five_cycles(0.2) == pytest.approx([0.25, 0.5, -0.25], abs=3e-3)
-    told = Cycles.of(film, moving(blank, np.array([1.0, 0.9, 1.2]), np.array([0.01, 0.02, 0.0])))
+    told = CycleMotions.of(film, moving(blank, np.array([1.0, 0.9, 1.2]), np.array([0.01, 0.02, 0.0])))
     assert found.range_errors(told) == pytest.approx([0.0, 0.1, 0.2], abs=2e-3)
     assert (told.walks - found.walks) == pytest.approx([0.0, 0.0, 0.01], abs=1e-4)
 
@@ -53,21 +53,21 @@ def test_only_what_the_camera_saw_counts_and_no_prediction_counts_as_wrong() -> 
     hidden = true.copy()
     hidden[t > blank.start + PERIOD, 2] = np.nan
     film = filmed(blank, hidden)
-    seen = Cycles.of(film, hidden)
-    first, second = seen.range_errors(Cycles.of(film, wrong))
+    seen = CycleMotions.of(film, hidden)
+    first, second = seen.range_errors(CycleMotions.of(film, wrong))
     assert first == pytest.approx(2 * RANGES[2] / RANGES.sum(), rel=1e-2) and second == 0.0
     assert seen.walks == pytest.approx([0.01, 0.01], abs=1e-4), "a hidden mark counts as one that stays"
     lost = np.where((t > blank.start + PERIOD)[:, None, None], np.nan, true)
-    assert seen.range_errors(Cycles.of(film, lost))[1] == pytest.approx(1.0)
+    assert seen.range_errors(CycleMotions.of(film, lost))[1] == pytest.approx(1.0)
 
 
 def test_errors_in_fitted_cycles_make_predictions_doubtful() -> None:
-    whole = BuiltScene.load(DATA / "built-scene-1.json").identification
+    whole = PrintedScene.load(DATA / "built-scene-1.json").identification
 
     def said(ranges: float | None, walk: float | None, *, fits: bool = True) -> list[str]:
         model = replace(whole.model, predicts=fits)
         held_out = replace(whole.held_out_cycle, fitted_cycles=FittedErrors(ranges, walk))
-        return predictions(replace(whole, model=model, held_out_cycle=held_out))
+        return describe_predictions(replace(whole, model=model, held_out_cycle=held_out))
 
     assert said(0.049, 0.099) == said(0.01, None, fits=False) == []
     (far,) = said(0.071, 0.099)
@@ -85,9 +85,9 @@ def test_noise_of_the_tracks_adds_nothing_to_filmed_ranges() -> None:
     true[:, 0, 1] = 0.0
     rng = np.random.default_rng(2)
     film = filmed(blank, true + 0.15e-3 * rng.standard_normal(true.shape))
-    raw = Cycles.of(film, film.tracked.positions)
+    raw = CycleMotions.of(film, film.tracked.positions)
     assert raw.ranges[:, 0].min() > 0.6e-3, "a mark that rests seems to move by more than four deviations"
-    exact, found = Cycles.of(film, true), raw.without_noise(film, true)
+    exact, found = CycleMotions.of(film, true), raw.without_noise(film, true)
     assert np.abs(found.ranges - exact.ranges).max() < 0.25e-3
     assert (raw.ranges - exact.ranges).mean() > 0.3e-3
     assert abs((found.ranges - exact.ranges).mean()) < 0.06e-3

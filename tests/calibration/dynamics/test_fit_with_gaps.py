@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from eldir_calibration.dynamics import identify
-from eldir_calibration.dynamics.identify import DynamicsFit
-from eldir_calibration.dynamics.model_check import ModelCheck
-from eldir_calibration.dynamics.settings import DEFAULT_SETTINGS, IdentificationSettings
+from eldir_calibration.dynamics import _fits
+from eldir_calibration.dynamics._fits import DynamicsFit
+from eldir_calibration.dynamics._model_check import ModelCheck
+from eldir_calibration.dynamics.configuration import DEFAULT_CONFIG, IdentificationConfig
 
 FRAMES = 10
 
@@ -25,7 +25,7 @@ class Film:
     recordings: tuple[Any, ...] = (None,)
     noise: tuple[float, float] = (1.0, 1.0)
     step_widths: Any = None
-    settings: IdentificationSettings = DEFAULT_SETTINGS
+    config: IdentificationConfig = DEFAULT_CONFIG
 
     def linearise(self, z: np.ndarray) -> SimpleNamespace:
         return SimpleNamespace(z=z, positions=z)
@@ -57,11 +57,11 @@ def fitted(checks: list[ModelCheck], monkeypatch: pytest.MonkeyPatch) -> tuple[D
         )
         return found, place
 
-    monkeypatch.setattr(identify, "_fit", fit)
-    monkeypatch.setattr(identify, "without", lambda recordings, kept: tuple(kept))
-    monkeypatch.setattr(identify, "_checked", lambda problem, linear, chance: checks[int(linear.z[0])])
-    monkeypatch.setattr(identify, "check_model", lambda film, place, settings: checks[int(place[0])])
-    found = identify._fit_with_gaps(Film(), np.zeros(0), (1,), 0, lambda what, part: None)  # type: ignore[arg-type]
+    monkeypatch.setattr(_fits, "_fit_rounds", fit)
+    monkeypatch.setattr(_fits, "mask_frames", lambda recordings, kept: tuple(kept))
+    monkeypatch.setattr(_fits, "_check_fit", lambda problem, linear, chance: checks[int(linear.z[0])])
+    monkeypatch.setattr(_fits, "check_model", lambda film, place, config: checks[int(place[0])])
+    found = _fits.fit_reproducible(Film(), np.zeros(0), (1,), 0, lambda what, part: None)  # type: ignore[arg-type]
     return found, used
 
 
@@ -91,7 +91,7 @@ def test_a_fit_that_shows_more_of_the_film_is_taken(monkeypatch) -> None:
     checks = [check("xx........", 1.5e-4), check("xxxxxx....", 2e-4), check("xxxxxxxx..", 2e-4)]
     found, used = fitted([*checks, checks[-1]], monkeypatch)
     assert used == ["x" * FRAMES, "xx........", "xxxxxx....", "xxxxxxxx.."]
-    assert found.check.share == 0.8
+    assert found.check.reproducible_share == 0.8
 
 
 @pytest.mark.parametrize("kept", ["xxxxxxxxxx", "xxxxxxxxxxxxxxxxxxx."])

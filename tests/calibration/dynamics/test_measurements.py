@@ -10,12 +10,12 @@ import pytest
 from eldir.built.robot import build
 from eldir.parameters.robot import QUANTITIES, RobotParameters
 from eldir.parameters.uncertain import PARAMETERS
-from eldir_calibration.dynamics.least_squares.problem import Problem
-from eldir_calibration.dynamics.measurements import Measurements
-from eldir_calibration.dynamics.settings import DEFAULT_SETTINGS
+from eldir_calibration.dynamics._problem import Problem
+from eldir_calibration.dynamics.configuration import DEFAULT_CONFIG
+from eldir_calibration.dynamics.recording import Measurements
 from tests.calibration.dynamics.hidden_rigs import NOMINAL, hidden, walker
 
-METER = DEFAULT_SETTINGS.meter_error
+METER = DEFAULT_CONFIG.meter_error
 
 
 def test_readings_of_the_very_robot_are_not_off() -> None:
@@ -42,7 +42,7 @@ def test_meters_tell_the_heat_capacity() -> None:
     across = 4.0 * NOMINAL.springs.resistance
     for read in (Measurements(), Measurements(current=4.0), Measurements(current=4.0, voltage=across)):
         problem = Problem(walker(), [], NOMINAL, names, (1e-4, 1e-4), np.ones(len(names)), read)
-        known = problem.known_slopes(np.zeros(len(names)))
+        known = problem.prior_jacobian(np.zeros(len(names)))
         left = np.linalg.inv(known.T @ known + np.diag(fixed))
         for name in ("heat_capacity", "cooling"):
             by = QUANTITIES[name].slopes(names)
@@ -71,7 +71,7 @@ def test_a_worse_meter_tells_less(error: float, left: float) -> None:
     across = 4.0 * NOMINAL.springs.resistance
     read = Measurements(current=4.0, voltage=across, error=error)
     problem = Problem(walker(), [], NOMINAL, names, (1e-4, 1e-4), np.ones(len(names)), read)
-    known = problem.known_slopes(np.zeros(len(names)))
+    known = problem.prior_jacobian(np.zeros(len(names)))
     by = QUANTITIES["cooling"].slopes(names)
     sd = float(np.sqrt(by @ np.linalg.inv(known.T @ known + np.diag(fixed)) @ by))
     assert 1e3 * sd == pytest.approx(left, abs=0.15)

@@ -6,8 +6,8 @@ from itertools import product
 
 import pytest
 
-from eldir_calibration.dynamics.settings import DEFAULT_SETTINGS
-from eldir_calibration.dynamics.verdict import VERDICTS, Evidence, FitVerdict, is_known
+from eldir_calibration.dynamics.configuration import DEFAULT_CONFIG
+from eldir_calibration.dynamics.verdict import VERDICTS, Evidence, FitVerdict, is_identified
 
 EVERY = [
     Evidence(decided, within, tolerable, supposed, edge)
@@ -19,15 +19,15 @@ EVERY = [
 
 @pytest.mark.parametrize("e", EVERY)
 def test_a_verdict_follows_from_the_rules(e: Evidence) -> None:
-    predicts = e.decided and e.tolerable
+    predicts = e.is_decidable and e.tolerable
     fits = predicts and not e.at_edge
     verdict = e.verdict
     assert verdict.predicts == predicts and verdict.fits == fits
-    assert verdict.values_known == (fits and e.supposed), "of what the film chose, nothing is known"
-    assert is_known(verdict, 0.49) == verdict.values_known and not is_known(verdict, 0.5)
+    assert verdict.values_known == (fits and e.assumed), "of what the film chose, nothing is known"
+    assert is_identified(verdict, 0.49) == verdict.values_known and not is_identified(verdict, 0.5)
     if predicts:
-        exact = fits and e.supposed and e.within_noise
-        assert verdict.widening() == (1.0 if exact else DEFAULT_SETTINGS.widening)
+        exact = fits and e.assumed and e.within_noise
+        assert verdict.widening() == (1.0 if exact else DEFAULT_CONFIG.widening)
 
 
 def test_every_verdict_has_a_row_and_every_other_row_a_sentence() -> None:

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 from eldir.built.gait import Gait
 from eldir.built.robot import build
-from eldir.built.scene import BuiltScene
+from eldir.built.scene import PrintedScene
 from eldir.design import Design
 from eldir.errors import EldirError, InputError
 from eldir.lattice import Lattice
@@ -23,19 +23,18 @@ from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
 from eldir.trajectory import Trajectory
 from eldir_app.commands.calibrate.dynamics import dynamics
-from eldir_calibration.comparison.motions import report_content
+from eldir_calibration.comparison.motions import prepare_report
 from eldir_calibration.comparison.recorded_run import open_run
-from eldir_calibration.dynamics.least_squares.residuals import residual
-from eldir_calibration.dynamics.measurements import Measurements
-from eldir_calibration.dynamics.recording import FilmedBody, Recording, predict_marks
-from eldir_calibration.identification.identification import filmed_gait, films_of, recording_of
+from eldir_calibration.dynamics._residuals import compute_residual
+from eldir_calibration.dynamics.recording import FilmedBody, Measurements, Recording, predict_markers
+from eldir_calibration.identification.identification import read_filmed_gait, read_films, read_recording
 from eldir_hardware.log.recorder import Recorder
 from eldir_hardware.planning.compiler import compile_schedule
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.template import virtual_rig
 from eldir_hardware.run.drive import drive_rig
-from eldir_hardware.safety.schedule_digests import with_digests
-from eldir_hardware.virtual.bodies import far_from
+from eldir_hardware.safety.compatibility import with_digests
+from eldir_hardware.virtual.bodies import sample_large_spread
 from tests.calibration.dynamics.hidden_rigs import heating
 from tests.eldir.random_design import make_design
 from tests.paths import SCHEMAS
@@ -85,12 +84,15 @@ def write_log(recording: Recording, tmp_path: Path, sensor: str | None = None) -
 
 def test_a_log_becomes_a_recording(log: Path, recording: Recording) -> None:
     design = Design.load(log.parent / "design.json")
-    found = recording_of(open_run(log, design))
+    found = read_recording(open_run(log, design))
     assert (found.start, found.period, found.cycles) == (23.0, 20.0, 2)
     seen = recording.tracked.positions[:, : len(design.marks)]
     assert np.allclose(found.tracked.positions, seen, equal_nan=True)
     # A schedule begins with all contacts open, a gait in the middle of a period.
-    assert np.abs(found.on - heating(2))[round(23 / 0.05) :].max() < 1e-6 and not found.on[:60].any()
+    assert (
+        np.abs(found.contact_shares - heating(2))[round(23 / 0.05) :].max() < 1e-6
+        and not found.contact_shares[:60].any()
+    )
     with raises(InputError, "log.other-design"):
         open_run(log, make_design(4, Lattice(3, 6)))
 
@@ -103,17 +105,17 @@ def test_a_film_does_not_count_twice(log: Path) -> None:
     for twice in ((log, log), (log, copy), (log, log.parent)):
         words = "is named twice" if twice[1] == log else f"holds the same film as {log}"
         with raises(InputError, "log.named-twice", match=f"{twice[1]} {words};"):
-            films_of(twice, design)
+            read_films(twice, design)
         with raises(InputError, "log.named-twice"):
-            report_content(twice, design, None)  # type: ignore[arg-type]  # before anything is predicted
+            prepare_report(twice, design, None)  # type: ignore[arg-type]  # before anything is predicted
     with raises(InputError, "file.missing", match=r"none\.mcap"):
-        films_of([log, log.with_name("none.mcap")], design)
+        read_films([log, log.with_name("none.mcap")], design)
 
 
 def test_what_the_camera_saw_of_a_gait_is_kept(log: Path, recording: Recording) -> None:
     """Against the marks' places at both ends of the cycles; marks that lie on their side have fallen."""
     design = Design.load(log.parent / "design.json")
-    films = films_of([log], design)
+    films = read_films([log], design)
     (seen,) = films.filmed_gaits
     marks = recording.tracked.positions[:, : len(design.marks), 0]
     ends = [np.nanmean(marks[np.abs(recording.tracked.times - t) < 1.0]) for t in (23.0, 63.0)]
@@ -125,16 +127,16 @@ def test_what_the_camera_saw_of_a_gait_is_kept(log: Path, recording: Recording) 
     for turn, upright in ((0.0, True), (np.pi / 2, False)):
         turned = np.tile(rest @ [[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]], (600, 1, 1))
         lying = Trajectory(driven.names, 0.2 * np.arange(600), turned)
-        found = filmed_gait(driven, replace(films.recordings[0], tracked=lying))
+        found = read_filmed_gait(driven, replace(films.recordings[0], tracked=lying))
         assert found is not None and found.upright == upright
 
 
 def test_the_command_says_what_is_known_and_what_not(
-    log: Path, scene: BuiltScene, monkeypatch: pytest.MonkeyPatch
+    log: Path, scene: PrintedScene, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked: dict[str, Any] = {}
 
-    def fitted(body: object, recordings: list[Recording], nominal: object, **options: object) -> BuiltScene:
+    def fitted(body: object, recordings: list[Recording], nominal: object, **options: object) -> PrintedScene:
         asked.update(options, cycles=[r.cycles for r in recordings])
         return scene
 
@@ -150,7 +152,7 @@ def test_the_command_says_what_is_known_and_what_not(
     assert asked["measurements"] == Measurements(pytest.approx(0.040), 3.6, 3.5) and asked["cycles"] == [2]
     assert [other.printed.joints for other in asked["others"]] == ["hubs", "clamped"]
     jsonschema.validate(json.loads(out.read_text()), SCHEMA)
-    found = BuiltScene.load(out)
+    found = PrintedScene.load(out)
     assert found.body == Design.load(log.parent / "design.json").body and not len(found.ballast_kg)
     assert replace(found, body=None, filmed_gaits=()) == scene
     (film,) = found.filmed_gaits
@@ -162,13 +164,13 @@ def test_the_command_says_what_is_known_and_what_not(
 
 
 def test_the_sensor_takes_the_place_of_the_meters(
-    recording: Recording, scene: BuiltScene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    recording: Recording, scene: PrintedScene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Options replace what the log holds; two good meters need no sensor."""
     log = write_log(recording, tmp_path, "ina226")
     asked: list[Measurements] = []
 
-    def fitted(*_: object, measurements: Measurements, **options: object) -> BuiltScene:
+    def fitted(*_: object, measurements: Measurements, **options: object) -> PrintedScene:
         asked.append(measurements)
         return scene
 
@@ -201,23 +203,26 @@ def test_a_film_and_a_prediction_of_the_very_same_robot_agree(
     """Contacts, springs, body, picture, marks on one side; the truth, which no identification knows, on the
     other. A contact's time wrong by its read-back, half a second, would leave centimetres."""
     # The springs of both faces are alike, as the model has them.
-    monkeypatch.setattr(SpringParameters, "perturbed", lambda spring, rng: spring)
+    monkeypatch.setattr(SpringParameters, "perturb", lambda spring, rng: spring)
     design = make_design(3, Lattice(3, 6))
     design.save(tmp_path / "design.json")
     text = virtual_rig(seed=4, design="design.json").replace("seed: 4", "seed: 4\n  parameter_spread: large")
+    text = text.replace("rate_hz: 10", "rate_hz: 3")
     (tmp_path / "rig.yaml").write_text(text)
     rig = Rig.load(tmp_path / "rig.yaml")
     gait = Gait(20.0, np.array([0.0, 0.875]), np.full(2, 0.25))
     schedule = with_digests(compile_schedule(gait, rig, (7, 12), cycles=1), rig, design)
     drive_rig(schedule, rig, tmp_path / "rig.yaml", tmp_path / "log.mcap")
     film, body = (
-        recording_of(open_run(tmp_path / "log.mcap", design)),
+        read_recording(open_run(tmp_path / "log.mcap", design)),
         FilmedBody(design.morphology, design.marks),
     )
     nominal = RobotParameters(springs=rig.spring_parameters())
-    (x,) = predict_marks(body, [film], [nominal, true_robot(design, rig)])[0][1:]
-    left = residual(film, film.tracked.positions - x).shape
-    off = residual(film, film.tracked.positions - predict_marks(body, [film], [nominal])[0][0]).shape
+    (x,) = predict_markers(body, [film], [nominal, true_robot(design, rig)])[0][1:]
+    left = compute_residual(film, film.tracked.positions - x).shape
+    off = compute_residual(
+        film, film.tracked.positions - predict_markers(body, [film], [nominal])[0][0]
+    ).shape
     assert left.std() < 0.1e-3 and np.abs(left).max() < 1e-3
     assert off.std() > 50 * left.std(), "the robot differs from the drawing"
 
@@ -225,7 +230,7 @@ def test_a_film_and_a_prediction_of_the_very_same_robot_agree(
 def true_robot(design: Design, rig: Rig) -> RobotParameters:
     """What the virtual rig's seed makes of a design."""
     seed = rig.virtual.seed
-    far = far_from(RobotParameters(springs=rig.spring_parameters()), seed)
+    far = sample_large_spread(RobotParameters(springs=rig.spring_parameters()), seed)
     straight = build(design.morphology, far)
     robot = build(design.morphology, far.printed, rng=np.random.default_rng([seed, 2]))
     return replace(far, strips=robot.rest_lengths - straight.rest_lengths)

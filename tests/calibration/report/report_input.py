@@ -4,13 +4,13 @@ import json
 
 import numpy as np
 
-from eldir_calibration.report.page import Heating, ReportInput
+from eldir_calibration.report.page import HeatingRecord, ReportInput
 from tests.calibration.report.striding_walkers import walker
 from tests.paths import SCHEMAS
 
 SCHEMA = json.loads((SCHEMAS / "report.schema.json").read_text())
 t = np.arange(0, 120, 0.5)
-HEATING = Heating(
+HEATING = HeatingRecord(
     t,
     np.stack([(t % 20) < 5, (t % 20) > 15], axis=1),
     ("channel1", "channel2"),

@@ -7,7 +7,14 @@ from hypothesis import strategies as st
 
 from eldir.errors import InputError
 from eldir.trajectory import Trajectory
-from eldir_calibration.report.comparison import PHASES, CycleMean, Motion, agreements, best_lag, compare
+from eldir_calibration.report.comparison import (
+    PHASE_SAMPLES,
+    CycleMean,
+    Motion,
+    agreements,
+    best_lag,
+    compare_motions,
+)
 from tests.calibration.report.striding_walkers import CYCLES, LENGTH, PERIOD, walker
 from tests.raised import raises
 
@@ -34,9 +41,9 @@ def test_scale_and_period_change_nothing_that_is_compared(scale: float, period: 
     assert scaled.vertical_ranges() == pytest.approx(plain.vertical_ranges(), rel=1e-3)
 
 
-@given(st.integers(0, PHASES - 1))
+@given(st.integers(0, PHASE_SAMPLES - 1))
 def test_the_lag_between_two_motions_is_found(lag: int) -> None:
-    a, b = walker().by_phase(), walker(phase=lag / PHASES).by_phase()
+    a, b = walker().by_phase(), walker(phase=lag / PHASE_SAMPLES).by_phase()
     assert best_lag(a, b) == lag
 
 
@@ -77,19 +84,21 @@ def test_a_gap_is_bridged_and_counted() -> None:
     t = whole.trajectory.times
     x[(t > 40) & (t < 45), 0] = np.nan
     gap = Motion(Trajectory(("m1", "m2"), t, x), PERIOD, PERIOD, CYCLES, LENGTH)
-    assert gap.seen[0] == pytest.approx(0.95, abs=0.005) and gap.seen[1] == 1
+    assert gap.visible_share[0] == pytest.approx(0.95, abs=0.005) and gap.visible_share[1] == 1
     assert gap.displacement() == pytest.approx(whole.displacement(), rel=1e-9)
     short = Trajectory(("m1", "m2"), t, x).bridge(10.0)
     bridged = Motion(short, PERIOD, PERIOD, CYCLES, LENGTH)
     assert np.isfinite(short.positions).all()
-    assert bridged.seen[0] == pytest.approx(0.95, abs=0.005), "what is bridged was not seen"
+    assert bridged.visible_share[0] == pytest.approx(0.95, abs=0.005), "what is bridged was not seen"
     x[:, 0] = np.nan
     never = Motion(Trajectory(("m1", "m2"), t, x), PERIOD, PERIOD, CYCLES, LENGTH)
     assert np.isnan(never.vertical_ranges()[:, 0]).all() and np.isfinite(never.vertical_ranges()[:, 1]).all()
 
 
 def test_comparison_takes_the_camera_as_the_measure() -> None:
-    report = compare(walker(phase=0.3, scale=0.1, speed=0.05), walker(lift=0.0033), walker(noise=1e-5))
+    report = compare_motions(
+        walker(phase=0.3, scale=0.1, speed=0.05), walker(lift=0.0033), walker(noise=1e-5)
+    )
     assert report.displacement["tracked"] == pytest.approx(0.25, abs=0.01)
     for mass in report.agreement["simulated"]:
         for direction in mass.values():
@@ -100,9 +109,9 @@ def test_comparison_takes_the_camera_as_the_measure() -> None:
 
 
 def test_a_prediction_that_equals_the_camera_is_called_a_bug() -> None:
-    report = compare(walker(), walker(), walker())
+    report = compare_motions(walker(), walker(), walker())
     assert any("bug" in w for w in report.warnings)
-    assert not any("bug" in w for w in compare(walker(), walker(lift=0.0031), walker()).warnings)
+    assert not any("bug" in w for w in compare_motions(walker(), walker(lift=0.0031), walker()).warnings)
 
 
 def test_motions_that_do_not_fit_are_named() -> None:
@@ -114,4 +123,4 @@ def test_motions_that_do_not_fit_are_named() -> None:
     t = a.trajectory
     renamed = Motion(Trajectory(("m1", "m3"), t.times, t.positions), PERIOD, PERIOD, CYCLES, LENGTH)
     with raises(InputError, "report.different-masses", match="predicted"):
-        compare(a, renamed, a)
+        compare_motions(a, renamed, a)

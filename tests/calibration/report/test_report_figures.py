@@ -2,20 +2,22 @@
 
 import numpy as np
 
-from eldir_calibration.report.figures import heating, paths
+from eldir_calibration.report._figures import draw_heating, draw_paths
 from tests.calibration.report.striding_walkers import walker
 
 
 def test_every_path_has_the_name_of_its_mark() -> None:
     motions = {kind: walker() for kind in ("simulated", "predicted", "tracked")}
-    (axes,) = paths(motions).axes
+    (axes,) = draw_paths(motions).axes
     assert [t.get_text() for t in axes.texts] == list(motions["tracked"].trajectory.names)
 
 
 def test_the_legend_is_above_the_ceiling_line() -> None:
     t = np.arange(0.0, 120.0)
     springs = ("spring0_front", "spring0_back", "spring1_front", "spring1_back")
-    figure = heating(walker(), t, np.ones((120, 4), bool), tuple("1234"), t, np.full((120, 4), 86.0), springs)
+    figure = draw_heating(
+        walker(), t, np.ones((120, 4), bool), tuple("1234"), t, np.full((120, 4), 86.0), springs
+    )
     figure.canvas.draw()
     bottom = figure.axes[-1]
     ceiling = bottom.transData.transform((0.0, 90.0))[1]

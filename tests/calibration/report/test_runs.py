@@ -17,9 +17,16 @@ from eldir.morphology import develop
 from eldir.scene import Scene
 from eldir.trajectory import Trajectory
 from eldir_calibration.report.comparison import Motion, agreements
-from eldir_calibration.report.null_comparison import OTHERS, against_others, other_robots
+from eldir_calibration.report.controls import (
+    INTACT,
+    OTHER_COUNT,
+    FilmedRun,
+    compare_with_others,
+    pool_displacements,
+    sample_other_robots,
+    summarise_controls,
+)
 from eldir_calibration.report.page import write_report
-from eldir_calibration.report.runs import INTACT, FilmedRun, conclusions, pooled
 from eldir_hardware.camera.plane import Plane
 from eldir_hardware.vision.tracking_quality import TrackingQuality
 from tests.calibration.report.report_input import SCHEMA, content
@@ -50,25 +57,25 @@ def test_a_cycles_displacement_is_its_own() -> None:
 
 def test_runs_of_one_robot_count_together() -> None:
     again = FilmedRun("d.mcap", INTACT, "", walker(speed=0.034, noise=1e-4), walker())
-    both = pooled([*RUNS, again])
+    both = pool_displacements([*RUNS, again])
     assert list(both) == [INTACT, "without a motor", "without a motor, with ballast"]
     assert both[INTACT].mean == pytest.approx(5 * 0.032 / LENGTH, abs=0.01)
     assert both[INTACT].low < 5 * 0.032 / LENGTH < both[INTACT].high
-    assert again.expected == pytest.approx(5 * 0.01 / LENGTH)
+    assert again.predicted_displacement == pytest.approx(5 * 0.01 / LENGTH)
 
 
 def test_the_verdict_is_as_sure_as_the_intervals() -> None:
-    said = conclusions(RUNS)
+    said = summarise_controls(RUNS)
     assert len(said) == 2 and all("they differ" in line and "overlap" not in line for line in said)
     uncertain = FilmedRun("b.mcap", "without a motor", "", walker(speed=0.0301, noise=2e-3), walker())
-    assert "do not distinguish them" in conclusions([INTACT_RUN, uncertain])[0]
-    assert conclusions([INTACT_RUN]) == [] and conclusions([WITHOUT]) == []
+    assert "do not distinguish them" in summarise_controls([INTACT_RUN, uncertain])[0]
+    assert summarise_controls([INTACT_RUN]) == [] and summarise_controls([WITHOUT]) == []
 
 
 def test_other_bodies_fit_less_than_the_own() -> None:
     tracked = walker(noise=1e-5)
     shifted = [walker(phase=p) for p in (0.25, 0.5)]
-    found = against_others({"predicted": walker(lift=0.0031)}, tracked, shifted)
+    found = compare_with_others({"predicted": walker(lift=0.0031)}, tracked, shifted)
     assert found.count == 2 and len(found.body_lengths_per_5_cycles_of_others) == 2
     assert np.isnan(found.profile_correlation["predicted"]), "two masses have no profile"
     for mass in found.correlation_of_others.values():
@@ -89,8 +96,8 @@ def test_other_robots_have_as_many_motors_and_five_marks() -> None:
     robot = develop(lattice, body)
     controller = Controller.random(len(robot.positions), robot.motors, np.random.default_rng(0))
     design = Design(lattice, body, controller, Scene.preset("paper"))
-    first, second = other_robots(design), other_robots(design)
-    assert len(first) == OTHERS
+    first, second = sample_other_robots(design), sample_other_robots(design)
+    assert len(first) == OTHER_COUNT
     for (a, marks), (b, _) in zip(first, second, strict=True):
         assert a == b and a.active.sum() == robot.motors and len(marks) == 5
 
@@ -100,7 +107,7 @@ def test_controls_nulls_and_tracking_are_in_page_and_numbers(tmp_path: Path) -> 
     sizes = np.ones((len(tracked.trajectory.times), 2))
     quality = TrackingQuality.of(tracked.trajectory, sizes, 0.1, 1, 2, 0.1)
     plane = Plane(640, 480, np.diag([2.0, -2, 1]), [320, 240], [0, 0], 0.1)
-    others = against_others({"simulated": walker(), "predicted": walker()}, tracked, [walker(phase=0.3)])
+    others = compare_with_others({"simulated": walker(), "predicted": walker()}, tracked, [walker(phase=0.3)])
     report = content(
         tracked=tracked, predicted=INTACT_RUN.predicted, runs=RUNS, others=others, quality=quality,
         frame=np.full((480, 640, 3), 120, np.uint8), plane=plane,

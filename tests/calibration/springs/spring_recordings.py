@@ -11,7 +11,7 @@ from eldir_calibration.springs.recording import SpringRecording
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.template import virtual_rig
 
-RATE = 5.0  # samples a second
+RATE = 4.0  # samples a second
 FORMER = Rig.from_json(yaml.safe_load(virtual_rig())).spring_parameters()
 
 

@@ -68,7 +68,7 @@ def measure(truth: Truth, seed: int = 0, noise: float = 0.3, rate: float = 5.0) 
             )
 
         found = solve_ivp(
-            slope, (now, end), [temperature], t_eval=[*t[inside], end], max_step=0.02, rtol=1e-8, atol=1e-8
+            slope, (now, end), [temperature], t_eval=[*t[inside], end], max_step=0.1, rtol=1e-8, atol=1e-8
         )
         degrees[inside] = found.y[0, :-1]
         angle = np.clip((degrees[inside] - low) / (high - low), 0, 1)

@@ -14,7 +14,7 @@ from eldir.genotype import random_genotypes
 from eldir.lattice import Lattice
 from eldir.morphology import develop
 from eldir.scene import Scene
-from eldir_calibration.transfer.transfer import ComparedWalk
+from eldir_calibration.transfer.compared_walks import ComparedWalk
 
 GAIT = Gait(4.0, np.array([0.0, 0.125]), np.array([0.3, 0.3]))
 """Fast, so that tests are quick; springs do not cool down in it."""

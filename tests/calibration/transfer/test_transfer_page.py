@@ -10,10 +10,10 @@ import jsonschema
 import numpy as np
 import pytest
 
-from eldir_calibration.transfer import transfer_page
-from eldir_calibration.transfer.transfer import TransferSettings, WalkingDesign
-from eldir_calibration.transfer.transfer_explained import ExplainedWalk
-from eldir_calibration.transfer.transfer_page import TransferNumbers, TransferResult, write_transfer
+from eldir_calibration.transfer import page
+from eldir_calibration.transfer.compared_walks import TransferConfig, WalkingDesign
+from eldir_calibration.transfer.page import TransferNumbers, TransferResult, write_transfer
+from eldir_calibration.transfer.verdict import ExplainedWalk
 from tests.calibration.transfer.made_up_walks import FALL, compared, tiny_design
 from tests.paths import DATA, SCHEMAS
 
@@ -30,7 +30,7 @@ def test_a_page_with_falls_ties_and_markup_in_names(tmp_path: Path) -> None:
     ]
     designs = [WalkingDesign(w.file, DESIGN, w.gait, True) for w in walks]
     explained = [ExplainedWalk("<b>.json", 1, 0.5, FALL, {"pins": FALL})]
-    result = TransferResult(designs, walks, explained, TransferSettings(), "MuJoCo 4")
+    result = TransferResult(designs, walks, explained, TransferConfig(), "MuJoCo 4")
     write_transfer(result, tmp_path / "out")
     page = re.sub('base64,[^"]+', "", (tmp_path / "out" / "transfer.html").read_text())
     assert "&lt;b&gt;.json" in page and "<b>.json" not in page and "nan" not in page and "inf" not in page
@@ -42,9 +42,7 @@ def test_a_page_with_falls_ties_and_markup_in_names(tmp_path: Path) -> None:
 
 
 def test_ties_are_drawn_apart() -> None:
-    figure = transfer_page.scatter(
-        [compared([0.9, 1.1], [1.0, 1.0]), compared([0.1, 0.2], [0.0, 0.3], ties=0.9)]
-    )
+    figure = page.draw_scatter([compared([0.9, 1.1], [1.0, 1.0]), compared([0.1, 0.2], [0.0, 0.3], ties=0.9)])
     (axes,) = figure.axes
     labels = [t.get_text() for t in axes.get_legend().get_texts()]
     assert any("flagged as ties" in text for text in labels) and len(labels) == 3
@@ -56,7 +54,7 @@ def test_ties_are_drawn_apart() -> None:
 
 
 def test_a_wide_interval_does_not_make_the_robots_small() -> None:
-    figure = transfer_page.scatter([compared([0.0, 2.0], [1.0, -0.5]), compared([FALL, FALL], [FALL])])
+    figure = page.draw_scatter([compared([0.0, 2.0], [1.0, -0.5]), compared([FALL, FALL], [FALL])])
     (axes,) = figure.axes
     assert axes.get_xlim() == axes.get_ylim() == pytest.approx((-0.75, 2.25))
 

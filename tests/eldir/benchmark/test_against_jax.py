@@ -39,7 +39,7 @@ def test_it_agrees_and_takes_turns(task: Task, monkeypatch: pytest.MonkeyPatch, 
 def test_unequal_gradients_are_refused(task: Task, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     turned = [c.shaped(c.flat + 0.1 * np.linalg.norm(c.flat) / np.sqrt(c.flat.size)) for c in task.gradients]
     monkeypatch.setattr(comparisons, "make_task", lambda *given: replace(task, gradients=turned))
-    with pytest.raises(EldirError, match="gradients of JAX f32 are not the engine's"):
+    with pytest.raises(EldirError, match="gradients of JAX f32 differ from those of the engine"):
         comparisons.against_jax("big", 3, 1, tmp_path)
 
 
@@ -50,9 +50,9 @@ def test_what_a_program_gets_and_gives_back(task: Task, tmp_path: Path) -> None:
         assert all((saved[f"start{i}"] == task.start(i)).all() for i in range(3))
     replace(task, controllers=task.gradients).save(tmp_path / "gradients.npz")
     found = task.saved_gradients(tmp_path / "gradients.npz")
-    assert (comparisons._slope_errors(task, found) == 0).all()
+    assert (comparisons._gradient_errors(task, found) == 0).all()
     longer = [c.shaped(1.5 * c.flat) for c in found]
-    assert comparisons._slope_errors(task, longer) == pytest.approx([0.5] * 3)
+    assert comparisons._gradient_errors(task, longer) == pytest.approx([0.5] * 3)
 
 
 @pytest.mark.skipif(find_spec("jax") is not None, reason="JAX is installed")

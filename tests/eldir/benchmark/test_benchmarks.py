@@ -9,10 +9,8 @@ import pytest
 
 from benchmarks import mass_scaling
 from eldir.benchmark import built, device, skips, speed
-from eldir.benchmark.populations import big, small
-from eldir.benchmark.result import save
-from eldir.benchmark.turns import limited_threads, ratio, take_turns
-from eldir.engine.device.records import Outcome
+from eldir.benchmark.measurement import big, limit_threads, ratio, save, small, time_in_turns
+from eldir.engine.device.records import DeviceResult
 from tests.paths import SCHEMAS
 
 
@@ -24,7 +22,7 @@ def test_ways_take_turns_and_the_first_call_does_not_count() -> None:
         now[0] += seconds[calls.count(name) - 1]
 
     ways = {"a": lambda: way("a", [9, 1, 2, 3]), "b": lambda: way("b", [9, 2, 4, 12])}
-    seconds = take_turns(ways, 3, clock=lambda: now[0])
+    seconds = time_in_turns(ways, 3, clock=lambda: now[0])
     assert calls == ["a", "b"] * 4
     assert seconds["a"].tolist() == [1, 2, 3] and seconds["b"].tolist() == [2, 4, 12]
     assert ratio(seconds, "b", "a") == 2
@@ -40,7 +38,7 @@ def test_threads_are_set_for_a_while(monkeypatch) -> None:
     monkeypatch.setenv("ELDIR_THREADS", "3")
     from eldir.engine import threads
 
-    with limited_threads(2):
+    with limit_threads(2):
         assert threads.worker_threads() == 2
     assert threads.worker_threads() == 3
 
@@ -48,8 +46,8 @@ def test_threads_are_set_for_a_while(monkeypatch) -> None:
 def test_speed_is_written_as_its_schema_says(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr(speed, "POPULATIONS", {"big": lambda n: small(2), "small": lambda n: small(1)})
     monkeypatch.setattr(speed, "Scene", lambda: _SHORT)
-    monkeypatch.setattr(speed.cost, "memory", lambda n: dict.fromkeys(_MEMORY, float(n)))
-    monkeypatch.setattr(speed.cost, "first_use", lambda: dict.fromkeys(("compiled", "cached"), _START))
+    monkeypatch.setattr(speed, "memory", lambda n: dict.fromkeys(_MEMORY, float(n)))
+    monkeypatch.setattr(speed, "first_use", lambda: dict.fromkeys(("compiled", "cached"), _START))
     said: list[str] = []
     values = speed.measure(True, said.append)
     save(tmp_path / "out", "speed", values, speed.plot(values))
@@ -63,10 +61,10 @@ def test_the_speed_of_a_device_is_written_as_its_schema_says(tmp_path: Path, mon
     """With times of 0.1 ms for each robot-iteration and a second for every call."""
     monkeypatch.setattr(device, "POPULATIONS", {"big": lambda n: small(2), "small": lambda n: small(1)})
     monkeypatch.setattr(device, "chosen_device", lambda: "cuda")
-    monkeypatch.setattr(device, "device_text", lambda: "a GPU")
+    monkeypatch.setattr(device, "device_label", lambda: "a GPU")
     monkeypatch.setattr(device, "_seconds", lambda t: 1 + 1e-4 * len(t.sizes) * t.settings.iterations)
     losses = np.array([[0.0, -1.0], [0.0, -3.0]])
-    monkeypatch.setattr(device, "compute", lambda task: Outcome(losses, np.full(2, -1), task.weights))
+    monkeypatch.setattr(device, "compute", lambda task: DeviceResult(losses, np.full(2, -1), task.weights))
     said: list[str] = []
     values = device.measure(True, said.append)
     save(tmp_path / "out", "device", values, device.plot(values))
@@ -94,7 +92,7 @@ _START = {"start_s": 1.0, "kernel_s": 2.0}
 def test_built_is_written_as_its_schema_says(tmp_path: Path, monkeypatch) -> None:
     hubs, pins = built.Simplification(True, 20e3, 1, 16.0), built.Simplification(False, 20e3, 1, 16.0)
     ways = {built.EXACT: hubs, "pins": pins}
-    monkeypatch.setattr(built, "WAYS", ways)
+    monkeypatch.setattr(built, "SIMPLIFICATIONS", ways)
     monkeypatch.setattr(built, "walkers", lambda: _WALKERS[6:8])
     values = built.measure(True, lambda line: None)
     save(tmp_path / "out", "built", values, built.plot(values))

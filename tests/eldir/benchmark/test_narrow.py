@@ -15,7 +15,7 @@ SOURCE = ROOT / "benchmarks" / "narrow.c"
 _SEEN = """
 import ctypes, os, subprocess
 from eldir.core.installation import describe
-from eldir.engine.kernels.processor import has_wide_registers
+from eldir.engine.kernels.simd import has_wide_registers
 print(" ".join(describe()["platform"]["vectors"]))
 print(has_wide_registers())
 words = ["cc", "-march=native", "-Q", "--help=target"]

@@ -6,26 +6,27 @@ from pathlib import Path
 import jsonschema
 import pytest
 
-from eldir.benchmark import extremes, stability
-from eldir.benchmark.result import save
+from eldir.benchmark import stability
+from eldir.benchmark.measurement import save
+from eldir.benchmark.stability import extreme_bodies, extreme_grounds
 from eldir.scene import Scene
 from tests.paths import SCHEMAS
 
 
 def test_bodies_at_the_edge_are_what_they_are_called() -> None:
-    bodies = extremes.bodies()
+    bodies = extreme_bodies()
     assert len(bodies["triangle"].springs) == 3 and len(bodies["lattice"].springs) == 453
     assert bodies["no active spring"].motors == 0 and bodies["all active"].active.all()
     merged = bodies["coincident masses"].positions
     assert (merged[0] == merged[1]).all() and bodies["in the ground"].positions[:, 1].min() < 0.02
     assert bodies["beam"].positions[:, 0].max() > 0.5 and bodies["tower"].positions[:, 1].max() > 0.5
-    assert set(extremes.grounds(Scene())) == {"no slip", "friction", "rugged", "steep", "ridge"}
+    assert set(extreme_grounds(Scene())) == {"no slip", "friction", "rugged", "steep", "ridge"}
 
 
 def test_stability_is_written_as_its_schema_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(stability, "PARTS", (0.9, 1.1))
     monkeypatch.setattr(stability, "get_args", lambda kind: ("f32",))
-    monkeypatch.setattr(stability, "big", lambda n, seed=1: [extremes.bodies()["hinge"]] * min(n, 2))
+    monkeypatch.setattr(stability, "big", lambda n, seed=1: [extreme_bodies()["hinge"]] * min(n, 2))
     said: list[str] = []
     values = stability.measure(True, said.append)
     save(tmp_path / "out", "stability", values, stability.plot(values))

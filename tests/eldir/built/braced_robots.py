@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from eldir.built.robot import BuiltRobot
+from eldir.built.robot import PrintedRobot
 from eldir.genotype import Genotype, random_genotypes
 from eldir.lattice import Lattice
 from eldir.morphology import Morphology, develop
@@ -41,28 +41,28 @@ def braced() -> Morphology:
 
 def strip(
     a: tuple[float, float], b: tuple[float, float], masses: tuple[float, float], p: BuiltParameters
-) -> BuiltRobot:
+) -> PrintedRobot:
     """Two masses and a strip between them, without stress as given."""
     at, m = np.array([a, b]), np.array(masses)
     reduced = m.prod() / m.sum()
-    return BuiltRobot(
+    return PrintedRobot(
         at, np.array([[0, 1]], np.int32), np.zeros(1, bool), m, np.array([np.linalg.norm(at[0] - at[1])]),
         np.array([p.tension]), np.array([p.buckling]),
         np.array([2 * p.strip_damping * np.sqrt(p.tension * reduced)]), np.ones(2), p,
     )  # fmt: skip
 
 
-def unheated(robot: BuiltRobot, instants: int) -> np.ndarray:
+def unheated(robot: PrintedRobot, instants: int) -> np.ndarray:
     return np.full((instants, int(robot.active.sum())), COLD)
 
 
-def swing(robot: BuiltRobot, instants: int, period: float = 0.4, interval: float = 0.01) -> np.ndarray:
+def swing(robot: PrintedRobot, instants: int, period: float = 0.4, interval: float = 0.01) -> np.ndarray:
     """Free lengths that go from cold to hot and back, each motor a quarter period after the other."""
     t = np.arange(instants)[:, None] * interval / period - 0.25 * np.arange(int(robot.active.sum()))
     return COLD + (HOT - COLD) * 0.5 * (1 - np.cos(2 * np.pi * np.maximum(t, 0)))
 
 
-def momenta(robot: BuiltRobot, state: np.ndarray) -> np.ndarray:
+def momenta(robot: PrintedRobot, state: np.ndarray) -> np.ndarray:
     """Linear in x and y, and angular about the origin."""
     x, y, vx, vy, _, _, spin = state
     m = robot.masses

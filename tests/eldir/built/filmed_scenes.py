@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from eldir.built.filmed_gait import FilmedGait
-from eldir.built.gait import Gait
-from eldir.built.scene import BuiltScene
+from eldir.built.gait import FilmedGait, Gait
+from eldir.built.scene import PrintedScene
 from eldir.design import Design
 from eldir.parameters.robot import RobotParameters
 from tests.calibration.dynamics.hidden_rigs import SOFT
@@ -20,12 +21,10 @@ def scene_of(
     robot: RobotParameters = SOFT,
     spread: float = 0.1,
     model_fits: bool = True,
-) -> BuiltScene:
+) -> PrintedScene:
     """As `eldir calibrate dynamics` would write it, friction and hot length uncertain."""
-    return BuiltScene.of(
-        robot, ("friction", "hot_length"), spread**2 * np.eye(2), model_fits=model_fits, body=design.body,
-        filmed_gaits=films,
-    )  # fmt: skip
+    scene = PrintedScene.of(robot, ("friction", "hot_length"), spread**2 * np.eye(2))
+    return replace(scene, model_fits=model_fits, body=design.body, filmed_gaits=films)
 
 
 def film(walked: float, gait: Gait = WALKED, upright: bool = True) -> FilmedGait:

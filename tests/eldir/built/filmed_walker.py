@@ -7,10 +7,10 @@ from functools import cache
 
 import pytest
 
-from eldir.built.scene import BuiltScene
+from eldir.built.scene import PrintedScene
+from eldir_calibration.dynamics.configuration import DEFAULT_CONFIG
 from eldir_calibration.dynamics.recording import Recording
 from eldir_calibration.dynamics.results import identify_robot
-from eldir_calibration.dynamics.settings import DEFAULT_SETTINGS
 from tests.calibration.dynamics.hidden_rigs import SOFT, film, walker
 from tests.made_once import made_once
 
@@ -19,7 +19,7 @@ OFF = {"hot_length": 0.8, "cold_length": -0.9, "current": 0.6, "cooling": -0.7, 
 """The hidden robot of these tests: z of its parameters, which only they and the film know."""
 TRUTH = SOFT.at(tuple(OFF), list(OFF.values()))
 
-_FEWER = replace(DEFAULT_SETTINGS, starts=8, followed=((2, 5),))
+_FEWER = replace(DEFAULT_CONFIG, starts=8, refinement_stages=((2, 5),))
 
 
 @cache
@@ -27,9 +27,9 @@ def filmed() -> Recording:
     return film(walker(), TRUTH, 1, 2)
 
 
-def identified() -> BuiltScene:
+def identified() -> PrintedScene:
     given = {"logs": ["log.mcap"]}
-    return identify_robot(walker(), [filmed()], SOFT, names=tuple(OFF), provenance=given, settings=_FEWER)
+    return identify_robot(walker(), [filmed()], SOFT, names=tuple(OFF), provenance=given, config=_FEWER)
 
 
 @pytest.fixture(scope="session")
@@ -38,6 +38,6 @@ def recording() -> Recording:
 
 
 @pytest.fixture(scope="session")
-def scene(tmp_path_factory: pytest.TempPathFactory) -> BuiltScene:
+def scene(tmp_path_factory: pytest.TempPathFactory) -> PrintedScene:
     """Identified once, for all folders and processes of a run."""
     return made_once(tmp_path_factory, "walker", identified)

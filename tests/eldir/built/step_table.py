@@ -9,7 +9,7 @@ import numpy as np
 
 from eldir.built.gait import Gait, free_lengths
 from eldir.built.motion import drive
-from eldir.built.robot import BuiltRobot, build
+from eldir.built.robot import PrintedRobot, build
 from eldir.built.stability import stable_step_in_any_pose
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
@@ -20,7 +20,7 @@ CYCLES, LANES, SCHEDULE = 2, 8, 123.0
 SHARES = (1 / 8, 1 / 4, 1 / 2, 0.95)
 
 
-def timed(robot: BuiltRobot, count: int, step: float) -> tuple[np.ndarray, float, float]:
+def timed(robot: PrintedRobot, count: int, step: float) -> tuple[np.ndarray, float, float]:
     """Positions in the counted cycles, walk [body lengths per five cycles], and processor time of each robot
     for a schedule [s]."""
     table = free_lengths(Gait(20.0, np.array([0.0, PHASE]), np.array([0.3, 0.3])), cycles=CYCLES)

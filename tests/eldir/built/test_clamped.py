@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from eldir.built.motion import drive
-from eldir.built.robot import BuiltRobot, build, rest_state
+from eldir.built.robot import PrintedRobot, build, rest_state
 from eldir.built.stability import stable_step
 from eldir.parameters.printed import BuiltParameters
 from tests.eldir.built.braced_robots import FREE_FALL, bodies, momenta, strip, swing, unheated
@@ -17,7 +17,7 @@ CLAMPED = BuiltParameters.clamped()
 FLOATING = replace(FREE_FALL, bending=CLAMPED.bending)
 
 
-def energy(robot: BuiltRobot, state: np.ndarray) -> float:
+def energy(robot: PrintedRobot, state: np.ndarray) -> float:
     """Kinetic energy, and that of strips below their buckling load [J]."""
     x, v, angle, spin = state[:2].T, state[2:4].T, np.arctan2(state[5], state[4]), state[6]
     a, b = robot.springs.T
@@ -30,7 +30,7 @@ def energy(robot: BuiltRobot, state: np.ndarray) -> float:
     return float(moving + robot.stiffness @ stretch**2 / 2 + bending)
 
 
-def floating(seed: int = 0) -> tuple[BuiltRobot, np.ndarray]:
+def floating(seed: int = 0) -> tuple[PrintedRobot, np.ndarray]:
     """A body without motors, high up, that has been shaken."""
     body, rng = bodies(1, 3)[0], np.random.default_rng(seed)
     inactive = replace(body, active=np.zeros(len(body.springs), bool))
@@ -74,7 +74,7 @@ def test_damping_only_takes_energy() -> None:
     assert np.abs(momenta(damped, at) - momenta(damped, state)).max() < 1e-9
 
 
-def build_like(robot: BuiltRobot, p: BuiltParameters) -> BuiltRobot:
+def build_like(robot: PrintedRobot, p: BuiltParameters) -> PrintedRobot:
     """The same body with other parameters and the dashpots that belong to them."""
     a, b = robot.springs.T
     reduced = robot.masses[a] * robot.masses[b] / (robot.masses[a] + robot.masses[b])

@@ -9,9 +9,8 @@ import pytest
 from scipy.optimize import brentq
 
 from eldir.built.gait import Gait, free_lengths
-from eldir.built.motion import BuiltMotion, drive
-from eldir.built.robot import BuiltRobot, build, rest_state
-from eldir.built.statics import shape_fault
+from eldir.built.motion import PrintedMotion, drive
+from eldir.built.robot import PrintedRobot, build, find_shape_fault, rest_state
 from eldir.built.walking import coil_load, walk
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.springs import SpringParameters
@@ -56,11 +55,11 @@ def test_a_hot_coil_buckles_at_a_quarter_of_a_newton_and_a_short_one_never() -> 
     assert slim[-1] == pytest.approx(euler, rel=0.01)
 
 
-def still(robot: BuiltRobot, instants: int, turned: tuple[float, float] = (0.0, 0.0)) -> BuiltMotion:
+def still(robot: PrintedRobot, instants: int, turned: tuple[float, float] = (0.0, 0.0)) -> PrintedMotion:
     """The robot as assembled, at every instant, its hubs turned."""
     hubs = np.stack([np.cos(turned), np.sin(turned)], axis=1)[:, : 2 * (robot.joints == "hubs")]
     times, state = np.arange(float(instants)), rest_state(robot)
-    return BuiltMotion(
+    return PrintedMotion(
         times, *(np.repeat(x[None], instants, axis=0) for x in (robot.positions, hubs)), state, -1
     )
 
@@ -97,7 +96,7 @@ def test_a_robot_whose_coil_would_buckle_is_not_predicted() -> None:
     assert 0.1 < coil_load(robot, motion, table.lengths[::20]).max() < 0.5
     assert np.isfinite(walk(robot, gait, cycles=1))
     held = build(braced())
-    assert shape_fault(held), "the build filter's rigidity tells it too"
+    assert find_shape_fault(held), "the build filter's rigidity tells it too"
     other = Gait(20.0, np.zeros(1), np.array([0.3]))
     table = free_lengths(other, SPRING, 1)
     (motion,) = drive([held], [table.lengths], table.interval, every=20)

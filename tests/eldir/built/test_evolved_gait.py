@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from eldir.built import gait_search
-from eldir.built.gait import Gait, gait_of
-from eldir.built.gait_search import HeatingLimits, evolved_gait, find_gait
+from eldir.built.gait import Gait, read_gait
+from eldir.built.gait_search import HeatingLimits, find_gait, fit_evolved_gait
 from eldir.built.samples import NominalRobots, SampledWalks
 from eldir.errors import InputError
 from eldir.lattice import Lattice
@@ -31,15 +31,15 @@ def limits() -> HeatingLimits:
 
 
 def test_a_design_keeps_its_gait() -> None:
-    assert gait_of(DESIGN) is None
-    assert gait_of(EVOLVED) == OWN
+    assert read_gait(DESIGN) is None
+    assert read_gait(EVOLVED) == OWN
     for damage, code, key in (
         ({"phase": [0.0]}, "gait.inconsistent", None),
         ({"period_s": "soon"}, "gait.wrong-value", "period_s"),
         ({"duty": None}, "gait.inconsistent", "duty"),
     ):
         with raises(InputError, code, key):
-            gait_of(replace(DESIGN, provenance={"gait": OWN_VALUES | damage}))
+            read_gait(replace(DESIGN, provenance={"gait": OWN_VALUES | damage}))
 
 
 OWN_VALUES = OWN.to_json()
@@ -56,8 +56,8 @@ def test_an_allowed_gait_is_taken_as_it_is(limits: HeatingLimits, monkeypatch: p
         tried.extend(gaits)
         return [SampledWalks(np.array([1.0, 1.1])) for _ in gaits]
 
-    monkeypatch.setattr(gait_search, "searched_gait", no_search)
-    monkeypatch.setattr(gait_search, "sampled_walks", walks)
+    monkeypatch.setattr(gait_search, "search_gait", no_search)
+    monkeypatch.setattr(gait_search, "sample_walks", walks)
     found = find_gait(EVOLVED, limits)
     assert found.method == "evolved" and found.gait == OWN and found.reason == ""
     assert list(found.gaits) == ["evolved", "imitate"] and len(tried) == 2
@@ -75,8 +75,8 @@ def test_a_rig_with_less_heat_gets_the_best_times_that_it_allows(monkeypatch: py
             for g in gaits
         ]
 
-    monkeypatch.setattr(gait_search, "sampled_walks", walks)
-    gait, reason = evolved_gait(ROBOTS, OWN, weak)
+    monkeypatch.setattr(gait_search, "sample_walks", walks)
+    gait, reason = fit_evolved_gait(ROBOTS, OWN, weak)
     assert weak.allowed(gait) and gait.duty[0] * gait.period <= 5.2 + 1e-6
     assert gait.phase[1] == pytest.approx(0.47)
     assert reason.startswith("the rig does not allow the evolved 6.0 s of heating in 20 s; ")
@@ -84,4 +84,4 @@ def test_a_rig_with_less_heat_gets_the_best_times_that_it_allows(monkeypatch: py
 
 def test_a_rig_that_allows_nothing_is_told_by_the_compiler(limits: HeatingLimits) -> None:
     nothing = replace(limits, allowed=lambda gait: False)
-    assert evolved_gait(ROBOTS, OWN, nothing) == (OWN, "")
+    assert fit_evolved_gait(ROBOTS, OWN, nothing) == (OWN, "")

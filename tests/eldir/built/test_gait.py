@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eldir.built.gait import CONDITIONING, DUTY, PERIOD, SETTLE, Gait, free_lengths, free_lengths_of_all
+from eldir.built.gait import CONDITIONING, DUTY, PERIOD, SETTLE, Gait, free_lengths, free_lengths_batch
 from eldir.errors import InputError
 from eldir.parameters.springs import SpringParameters
-from eldir.rollout import FINE, Rollout
+from eldir.rollout import OK, Rollout
 from eldir.scene import Scene
 
 SCENE = Scene.preset("paper")
@@ -19,7 +19,7 @@ SCENE = Scene.preset("paper")
 def rollout(*activations: np.ndarray) -> Rollout:
     """One that only has activations, each of shape (999,)."""
     still = np.zeros((1000, 3, 2))
-    return Rollout(still, still, np.stack(activations, axis=1), 0.0, FINE)
+    return Rollout(still, still, np.stack(activations, axis=1), 0.0, OK)
 
 
 def square(phase: float, duty: float, level: float = 1.0) -> np.ndarray:
@@ -73,17 +73,17 @@ def test_on_lasts_the_duty_of_each_period(motors: list[tuple[float, float]]) -> 
     phase, duty = np.array(motors).T
     gait = Gait(20.0, phase, duty)
     times = (np.arange(4000) + 0.5) * 20.0 / 4000
-    assert np.abs(gait.on(times).mean(axis=0) - duty).max() <= 1 / 4000 + 1e-9
-    later = gait.on(times + 60.0)
-    assert (later != gait.on(times)).mean() < 2e-3  # but for rounding at the edges
-    assert not gait.on(-times).any()
+    assert np.abs(gait.is_heating(times).mean(axis=0) - duty).max() <= 1 / 4000 + 1e-9
+    later = gait.is_heating(times + 60.0)
+    assert (later != gait.is_heating(times)).mean() < 2e-3  # but for rounding at the edges
+    assert not gait.is_heating(-times).any()
 
 
 def test_wrong_gaits_are_named() -> None:
     for period, phase, duty in ((0.0, [0], [0.3]), (20.0, [0], [1.0]), (20.0, [0], [-0.1])):
-        with pytest.raises(InputError, match=r"^Gait(\.period|: the duty)"):
+        with pytest.raises(InputError, match=r"^(invalid Gait\.period|Gait: invalid duty)"):
             Gait(period, np.array(phase, float), np.array(duty))
-    with pytest.raises(InputError, match=r"^Gait: the duty"):
+    with pytest.raises(InputError, match=r"^Gait: invalid duty"):
         Gait(20.0, np.zeros(2), np.zeros(1))
 
 
@@ -122,8 +122,8 @@ def test_springs_of_many_gaits_are_heated_side_by_side_as_if_alone() -> None:
         )
         for period in (20.0, 18.6, 23.0, 20.0)
     ]
-    together = free_lengths_of_all(robots, cycles=1)
+    together = free_lengths_batch(robots, cycles=1)
     for robot, found in zip(robots, together, strict=True):
-        assert found == free_lengths_of_all([robot], cycles=1)[0]
+        assert found == free_lengths_batch([robot], cycles=1)[0]
         assert len(found.lengths) == round((3.0 + 2 * robot[0].period) / 0.05) + 1
-    assert free_lengths_of_all([], cycles=1) == []
+    assert free_lengths_batch([], cycles=1) == []

@@ -12,25 +12,25 @@ from typer.testing import CliRunner
 
 from eldir.built import gait_choice, gait_search, samples
 from eldir.built.gait import CYCLES, Gait, free_lengths
-from eldir.built.gait_choice import choose
+from eldir.built.gait_choice import choose_gait
 from eldir.built.motion import drive
 from eldir.built.robot import build
-from eldir.built.samples import IdentifiedRobots, SampledWalks, most_probable_walks, sampled_walks
-from eldir.built.scene import BuiltScene
+from eldir.built.samples import IdentifiedRobots, SampledWalks, sample_walks, simulate_most_probable
+from eldir.built.scene import PrintedScene
 from eldir.built.walking import displacements
 from eldir.design import Ballast, Design, Variant
 from eldir.errors import EldirError
 from eldir.lattice import Lattice
-from eldir.parameters.robot import part_names, robot_at
+from eldir.parameters.robot import part_names, perturb_robot
 from eldir.trajectory import Trajectory
 from eldir_app.commands.gait import gait as command
 from eldir_calibration.comparison import predictions as predicting
 from eldir_calibration.comparison.recorded_run import RecordedRun
-from eldir_calibration.dynamics.recording import stayed_upright
-from eldir_calibration.dynamics.results import _parts
+from eldir_calibration.dynamics.recording import stays_upright
+from eldir_calibration.dynamics.results import part_numbers
 from eldir_hardware.planning import plan as planning
-from eldir_hardware.planning.compiler import compile_schedule, gait_of
-from eldir_hardware.planning.plan import plan
+from eldir_hardware.planning.compiler import compile_schedule, extract_gait
+from eldir_hardware.planning.plan import PlanConfig, plan
 from eldir_hardware.rig.template import virtual_rig
 from tests.calibration.dynamics.hidden_rigs import SOFT, walker
 from tests.eldir.built.filmed_scenes import WALKED, film, scene_of
@@ -67,9 +67,9 @@ def test_what_was_seen_walking_is_kept_unless_another_is_better_beyond_doubt(
     saw: float,
     kept: bool,
 ) -> None:
-    monkeypatch.setattr(gait_choice, "most_probable_walks", lambda *_: np.array([itself, again]))
+    monkeypatch.setattr(gait_choice, "simulate_most_probable", lambda *_: np.array([itself, again]))
     other, scene = replace(WALKED, period=25.0), scene_of(design, model_fits=fits)
-    found = choose(design, other, SampledWalks(np.array(walks)), [film(saw)], scene)
+    found = choose_gait(design, other, SampledWalks(np.array(walks)), [film(saw)], scene)
     assert (found.kept is not None) == kept
     assert (found.gait == WALKED) if kept else (found.gait is other)
     expected = f"filmed gait kept: it walked {saw:+.2f}; " if kept else "new gait: predicted +0.90 +- "
@@ -78,10 +78,10 @@ def test_what_was_seen_walking_is_kept_unless_another_is_better_beyond_doubt(
 
 def test_gaits_that_fell_or_went_back_are_not_kept(design: Design) -> None:
     for one in (film(1.0, upright=False), film(-0.5), film(0.05)):
-        found = choose(design, WALKED, SampledWalks(np.array([0.1])), [one], scene_of(design))
+        found = choose_gait(design, WALKED, SampledWalks(np.array([0.1])), [one], scene_of(design))
         assert (found.kept, found.reason) == (None, "new gait: no filmed gait walked")
     # Decision 26: forward by a tenth of a body length or more is a walk.
-    assert film(0.12).walks and not film(0.08).walks
+    assert film(0.12).has_walked and not film(0.08).has_walked
 
 
 def test_a_plan_keeps_the_filmed_gait_and_says_so(
@@ -92,31 +92,31 @@ def test_a_plan_keeps_the_filmed_gait_and_says_so(
     monkeypatch.setattr(gait_search, "_SAMPLES", 1)
     monkeypatch.setattr(gait_search, "candidate_gaits", lambda motors: [WALKED])
     monkeypatch.setattr(
-        gait_search, "_retimed", lambda *_: [replace(WALKED, period=25.0, duty=0.8 * WALKED.duty)]
+        gait_search, "_retime", lambda *_: [replace(WALKED, period=25.0, duty=0.8 * WALKED.duty)]
     )
-    monkeypatch.setattr(gait_search, "imitated_gait", lambda _: WALKED)
-    monkeypatch.setattr(planning, "predicted_cycle", lambda *_: None)
+    monkeypatch.setattr(gait_search, "imitate_gait", lambda _: WALKED)
+    monkeypatch.setattr(planning, "predict_cycle", lambda *_: None)
     monkeypatch.setattr(planning, "heat_margins", lambda *_: None)
     monkeypatch.setattr(samples, "_HALVINGS", 1)
     scene_of(design, film(5.0)).save(tmp_path / "scene.json")
-    scene = BuiltScene.load(tmp_path / "scene.json")
-    kept = plan(design, RIG, scene=scene, samples=2)
-    played = gait_of(kept)
-    assert played is not None and film(5.0).is_of(played)
+    scene = PrintedScene.load(tmp_path / "scene.json")
+    kept = plan(design, RIG, PlanConfig(scene=scene, samples=2))
+    played = extract_gait(kept)
+    assert played is not None and film(5.0).shows(played)
     assert kept.predicted.method == "filmed" and kept.predicted.walk.filmed == 5.0
     said = "filmed gait kept: it walked +5.00; predicted for the best other: "
     assert kept.predicted.choice.startswith(said)
-    fell = plan(design, RIG, scene=scene_of(design, film(5.0, upright=False)), samples=2)
+    fell = plan(design, RIG, PlanConfig(scene=scene_of(design, film(5.0, upright=False)), samples=2))
     assert fell.predicted.method == "search"
     assert fell.predicted.choice == "new gait: no filmed gait walked"
-    played = gait_of(fell)
-    assert played is not None and not film(5.0).is_of(played)
+    played = extract_gait(fell)
+    assert played is not None and not film(5.0).shows(played)
 
 
 def test_a_scene_knows_its_robot(design: Design, tmp_path: Path) -> None:
     """Another body, and the same with a weight on it, did not walk this way."""
     scene_of(design, film(0.7)).save(tmp_path / "scene.json")
-    scene = BuiltScene.load(tmp_path / "scene.json")
+    scene = PrintedScene.load(tmp_path / "scene.json")
     trained = replace(design, controller=replace(design.controller, b2=design.controller.b2 + 1.0))
     assert scene.filmed_of(design) == scene.filmed_of(trained) == [film(0.7)]
     loaded = replace(design, variant=Variant(ballast=Ballast(9.0, 0)))
@@ -130,10 +130,11 @@ def test_found_parts_are_those_of_the_fit(tmp_path: Path) -> None:
     body = walker().morphology
     names = part_names(body)
     z = np.random.default_rng(2).standard_normal(len(names))
-    fitted = robot_at(body, SOFT, ("friction", *names), [1.0, *z])
-    scene = BuiltScene.of(fitted.uniform.with_parts(*_parts(fitted)), (), np.zeros((0, 0)), body="it")
+    fitted = perturb_robot(body, SOFT, ("friction", *names), [1.0, *z])
+    scene = PrintedScene.of(fitted.uniform.with_parts(*part_numbers(fitted)), (), np.zeros((0, 0)))
+    scene = replace(scene, body="it")
     scene.save(tmp_path / "scene.json")
-    assert BuiltScene.load(tmp_path / "scene.json") == scene
+    assert PrintedScene.load(tmp_path / "scene.json") == scene
     found = scene.robot_of(_only_body("it"))
     assert scene.robot_of(_only_body("another")) == fitted.uniform
     assert np.allclose(
@@ -141,7 +142,7 @@ def test_found_parts_are_those_of_the_fit(tmp_path: Path) -> None:
         build(body, fitted, ballast=0.01).rest_lengths,
         atol=1e-8,
     )
-    for mine, true in zip(found.springs_of(2), fitted.springs_of(2), strict=True):
+    for mine, true in zip(found.motor_springs(2), fitted.motor_springs(2), strict=True):
         for name, value in vars(true).items():
             assert getattr(mine, name) == pytest.approx(value, rel=1e-5), name
 
@@ -163,20 +164,20 @@ def test_parts_reach_samples_gait_and_report(design: Design) -> None:
     free = (springs.cold_length, springs.hot_length)
     (walk,) = displacements([robot], [free_lengths(WALKED, own)], CYCLES, free)
     robots = IdentifiedRobots.of(design, scene)
-    found = most_probable_walks(robots, [WALKED, WALKED])
+    found = simulate_most_probable(robots, [WALKED, WALKED])
     assert found == pytest.approx([walk, walk], abs=1e-9)
-    (mean,) = most_probable_walks(replace(robots, robot=SOFT), [WALKED])
+    (mean,) = simulate_most_probable(replace(robots, robot=SOFT), [WALKED])
     assert np.isfinite(walk) and abs(mean - walk) > 0.02
-    (drawn,) = sampled_walks(replace(robots, covariance=np.zeros((2, 2))), [WALKED], 2)
+    (drawn,) = sample_walks(replace(robots, covariance=np.zeros((2, 2))), [WALKED], 2)
     samples = replace(robots, covariance=np.zeros((2, 2))).samples(2, 0)
     by_hand = [replace(robot, feet=sample.feet) for sample in samples]
     tables = [free_lengths(WALKED, own)] * 2
     assert drawn.displacement == pytest.approx(displacements(by_hand, tables, CYCLES, [free] * 2), abs=1e-9)
     schedule = compile_schedule(WALKED, RIG, tuple(np.flatnonzero(body.active).tolist()), cycles=2)
     run = RecordedRun(design, schedule, RIG)
-    simulations = [predicting._own(run, one) for one in (scene, scene_of(design))]
+    simulations = [predicting._prepare_run(run, one) for one in (scene, scene_of(design))]
     assert simulations[0].robot.rest_lengths == pytest.approx(robot.rest_lengths, abs=1e-12)
-    true, plain = (m.trajectory.positions for m in predicting._drive(simulations)[0] if m)
+    true, plain = (m.trajectory.positions for m in predicting._simulate(simulations)[0] if m)
     (moved,) = drive([robot], [simulations[0].lengths], 0.05, free=free)
     assert np.abs(true - moved.positions[:, design.marks]).max() < 1e-9
     assert simulations[0].lengths.max(axis=0) == pytest.approx(springs.hot_length * longer, rel=1e-3)
@@ -188,8 +189,8 @@ def test_robots_drawn_do_what_was_filmed(design: Design, monkeypatch: pytest.Mon
     monkeypatch.setattr(samples, "CYCLES", 1)
     scene = scene_of(design, spread=1.0)
     robots = [IdentifiedRobots.of(design, scene, filmed) for filmed in ([], [WALKED])]
-    (itself,) = most_probable_walks(robots[0], [WALKED])
-    free, bound = (sampled_walks(one, [WALKED], 6, 3)[0].displacement for one in robots)
+    (itself,) = simulate_most_probable(robots[0], [WALKED])
+    free, bound = (sample_walks(one, [WALKED], 6, 3)[0].displacement for one in robots)
     assert np.isfinite(itself) and (np.abs(bound - itself) <= 0.1).all()
     right = np.abs(free - itself) <= 0.1
     assert 0 < right.sum() < 6 and (bound[right] == free[right]).all()
@@ -199,13 +200,13 @@ def test_robots_drawn_do_what_was_filmed(design: Design, monkeypatch: pytest.Mon
 def test_a_schedule_gives_its_gait_back() -> None:
     for phase, duty in (((0.0, 0.875), (0.3, 0.25)), ((0.4, 0.0), (0.2, 0.0))):
         gait = Gait(19.7, np.array(phase), np.array(duty))
-        found = gait_of(compile_schedule(gait, RIG, springs=(7, 12)))
-        assert found is not None and film(1.0, found).is_of(gait)
-        assert not film(1.0, found).is_of(replace(gait, period=19.9))
+        found = extract_gait(compile_schedule(gait, RIG, springs=(7, 12)))
+        assert found is not None and film(1.0, found).shows(gait)
+        assert not film(1.0, found).shows(replace(gait, period=19.9))
     once = compile_schedule(WALKED, RIG)
     twice = [replace(e, t_s=e.t_s + 1.0) for e in once.events if e.spring == 0]
     twice = [replace(e, t_s=e.t_s + 8) for e in twice]
-    assert gait_of(replace(once, events=tuple(sorted([*once.events, *twice])))) is None
+    assert extract_gait(replace(once, events=tuple(sorted([*once.events, *twice])))) is None
 
 
 def test_a_robot_that_lies_is_told_by_its_marks() -> None:
@@ -218,7 +219,7 @@ def test_a_robot_that_lies_is_told_by_its_marks() -> None:
         there = np.stack([c * x - s * y + t[:, None], s * x + c * y], axis=2)
         there += 0.2e-3 * rng.standard_normal(there.shape)
         there[rng.random(there.shape[:2]) < 0.2] = np.nan
-        return stayed_upright(rest, Trajectory(tuple("abcde"), t, there))
+        return stays_upright(rest, Trajectory(tuple("abcde"), t, there))
 
     assert upright(0.5 * np.sin(t))
     assert upright(np.where((t > 9) & (t < 9.5), 2.0, 0.0)), "five mistaken frames"
@@ -231,7 +232,7 @@ def test_what_cannot_be_written_is_said_before_the_search(design: Design, tmp_pa
     (tmp_path / "rig.yaml").write_text(virtual_rig())
     app = typer.Typer()
     app.command()(command)
-    for out, why in ((tmp_path, "exists already"), (tmp_path / "rig.yaml" / "s.json", "is no folder")):
+    for out, why in ((tmp_path, "exists already"), (tmp_path / "rig.yaml" / "s.json", "is not a folder")):
         call = [str(tmp_path / "design.json"), "--rig", str(tmp_path / "rig.yaml"), "--out", str(out)]
         ran = CliRunner().invoke(app, call)
         assert isinstance(ran.exception, EldirError) and why in str(ran.exception)

@@ -7,9 +7,9 @@ import pytest
 
 from eldir.built import gait_search, samples
 from eldir.built.gait import Gait, free_lengths
-from eldir.built.gait_search import robust_gait, searched_gait
+from eldir.built.gait_search import search_gait, search_robust_gait
 from eldir.built.robot import build
-from eldir.built.samples import IdentifiedRobots, SampledWalks, most_probable_walks, sampled_walks
+from eldir.built.samples import IdentifiedRobots, SampledWalks, sample_walks, simulate_most_probable
 from eldir.built.screening import candidate_gaits
 from eldir.built.walking import walk
 from eldir.design import Design
@@ -40,21 +40,21 @@ def test_the_search_takes_what_walks_farthest_and_is_allowed(monkeypatch):
 
     monkeypatch.setattr(
         gait_search,
-        "most_probable_walks",
+        "simulate_most_probable",
         lambda robots, gaits, **quick: judge(gaits, robots.robot.springs),
     )
     monkeypatch.setattr(
         gait_search,
-        "sampled_walks",
+        "sample_walks",
         lambda robots, gaits, *_, **quick: [
             SampledWalks(np.array([x])) for x in [judge([g], robots.robot.springs)[0] for g in gaits]
         ],
     )
-    found = searched_gait(design, LIMITS)
+    found = search_gait(design, LIMITS)
     assert isinstance(found, Gait) and found.phase[1] == pytest.approx(5 / 8)
     assert LIMITS.allowed(found)
     weak = heating_limits(rig_with(supply={"max_total_current_a": 8}, limits={"max_on_s": 5.2}))
-    slower = searched_gait(design, weak)
+    slower = search_gait(design, weak)
     assert weak.allowed(slower), "6 s of heating are not allowed there"
     assert slower.duty[0] * slower.period <= 5.2 + 1e-6
 
@@ -78,13 +78,13 @@ def test_the_search_rejects_what_falls_in_other_builds(monkeypatch):
     tried = []
 
     def watched(robots, gaits, *arguments, **quick):
-        found = sampled_walks(robots, gaits, *arguments, **quick)
+        found = sample_walks(robots, gaits, *arguments, **quick)
         tried.extend(zip(gaits, found, strict=True))
         return found
 
     monkeypatch.setattr(gait_search, "candidate_gaits", lambda motors: [usual])
-    monkeypatch.setattr(gait_search, "sampled_walks", watched)
-    found = searched_gait(design, limits)
+    monkeypatch.setattr(gait_search, "sample_walks", watched)
+    found = search_gait(design, limits)
     robot = build(design.morphology)
     nominal = walk([robot] * len(tried), [gait for gait, _ in tried], limits.springs, cycles=2)
     fastest, of_fastest = tried[int(np.argmax(nominal))]
@@ -103,13 +103,13 @@ def test_what_falls_in_the_filmed_robots_is_not_chosen(monkeypatch: pytest.Monke
     tried: list[tuple[Gait, SampledWalks]] = []
 
     def watched(robots: IdentifiedRobots, gaits: list[Gait], *arguments: int) -> list[SampledWalks]:
-        found = sampled_walks(robots, gaits, *arguments)
+        found = sample_walks(robots, gaits, *arguments)
         tried.extend(zip(gaits, found, strict=True))
         return found
 
-    monkeypatch.setattr(gait_search, "sampled_walks", watched)
-    found = robust_gait(design, LIMITS, scene)
-    nominal = most_probable_walks(IdentifiedRobots.of(design, scene_of(design)), phases)
+    monkeypatch.setattr(gait_search, "sample_walks", watched)
+    found = search_robust_gait(design, LIMITS, scene)
+    nominal = simulate_most_probable(IdentifiedRobots.of(design, scene_of(design)), phases)
     fastest = phases[int(nominal.argmax())]
     assert nominal.max() > 0.05
     assert next(walks for gait, walks in tried if gait is fastest).fallen > 0.5
@@ -126,19 +126,19 @@ def test_neither_the_robot_itself_nor_those_around_it_may_fall(
     phases = candidate_gaits(2)[:4]
     drawn, itself = [0.1, 2.0, 0.4, 0.5], [2.0, -np.inf, 0.5, 0.3]
     monkeypatch.setattr(gait_search, "candidate_gaits", lambda motors: phases)
-    monkeypatch.setattr(gait_search, "_retimed", lambda *_: [])
-    monkeypatch.setattr(gait_search, "sampled_walks", lambda *_: [SampledWalks(np.array([x])) for x in drawn])
-    monkeypatch.setattr(gait_search, "most_probable_walks", lambda *_: np.array(itself))
-    assert robust_gait(design, LIMITS, scene_of(design)) is phases[2]
-    assert robust_gait(design, LIMITS, scene_of(design), [film(0.4, phases[2])]) is phases[3]
+    monkeypatch.setattr(gait_search, "_retime", lambda *_: [])
+    monkeypatch.setattr(gait_search, "sample_walks", lambda *_: [SampledWalks(np.array([x])) for x in drawn])
+    monkeypatch.setattr(gait_search, "simulate_most_probable", lambda *_: np.array(itself))
+    assert search_robust_gait(design, LIMITS, scene_of(design)) is phases[2]
+    assert search_robust_gait(design, LIMITS, scene_of(design), [film(0.4, phases[2])]) is phases[3]
 
 
 def test_walks_are_predicted_gait_by_gait_and_each_is_announced() -> None:
     """In slow springs each takes a minute or more; the numbers are those of all gaits together."""
     design, gaits, told = make_design(3, Lattice(3, 6)), candidate_gaits(2)[:2], []
-    robots = gait_search._unfilmed(design, LIMITS)
+    robots = gait_search.nominal_robots(design, LIMITS)
     quick = {"cycles": 1, "mass_scaling": 9.0}
-    found = gait_search._walks(robots, gaits, 2, 1, told.append, "predicting", **quick)
-    together = sampled_walks(robots, gaits, 2, 1, **quick)
+    found = gait_search.sample_walks_in_turn(robots, gaits, 2, 1, told.append, "predicting", **quick)
+    together = sample_walks(robots, gaits, 2, 1, **quick)
     assert [f.displacement.tobytes() for f in found] == [w.displacement.tobytes() for w in together]
     assert told == [f"predicting: gait {i} of 2, {gaits[0].period:g} s a cycle" for i in (1, 2)]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from eldir.built.motion import drive
-from eldir.built.robot import BuiltRobot, build, rest_state
+from eldir.built.robot import PrintedRobot, build, rest_state
 from eldir.built.sensitivities import sensitivities
 from eldir.built.stability import STICKS, stable_step
 from eldir.built.tangents import DriveInputs
@@ -16,7 +16,7 @@ from eldir.errors import InputError
 from eldir.parameters.printed import BuiltParameters
 from eldir_cad.checks.strip_law import StripLaw, hub_parameters
 from eldir_cad.geometry.assembly import assemble
-from eldir_cad.kit.defaults import PRINTER
+from eldir_cad.kit import PRINTER
 from eldir_cad.kit.printer import load_printer
 from eldir_cad.kit.specification import load_specification
 from eldir_cad.multibody.hubs import hub_inertias
@@ -31,7 +31,7 @@ STANDING = replace(HUBS, corner=0.0, drag=20.0, gravity=-0.981)  # on a point it
 PRINTED = load_specification(), load_printer(PRINTER)
 
 
-def floating(spin: float = 3.0, **changes: float) -> tuple[BuiltRobot, np.ndarray]:
+def floating(spin: float = 3.0, **changes: float) -> tuple[PrintedRobot, np.ndarray]:
     """A body without motors, high up, that has been shaken."""
     body, rng = bodies(1, 3)[0], np.random.default_rng(0)
     inactive = replace(body, active=np.zeros(len(body.springs), bool))
@@ -44,7 +44,7 @@ def floating(spin: float = 3.0, **changes: float) -> tuple[BuiltRobot, np.ndarra
     return robot, state
 
 
-def energy(robot: BuiltRobot, state: np.ndarray) -> float:
+def energy(robot: PrintedRobot, state: np.ndarray) -> float:
     """Kinetic energy, and that of strips below their buckling load [J]; without friction in the sockets."""
     p, angle = robot.parameters, np.arctan2(state[5], state[4])
     total = robot.masses @ (state[2:4] ** 2).sum(axis=0) / 2 + robot.inertias @ state[6] ** 2 / 2
@@ -123,7 +123,7 @@ def test_turning_a_body_rigidly_gives_no_force(angle: float) -> None:
     assert np.abs(motion.state[6]).max() < 1e-4
 
 
-def inclined(slope: float, p: BuiltParameters) -> tuple[BuiltRobot, np.ndarray, np.ndarray]:
+def inclined(slope: float, p: BuiltParameters) -> tuple[PrintedRobot, np.ndarray, np.ndarray]:
     """A strip that rises from a hub too heavy to turn, to one of 20 g: where it comes to rest, from its first
     hinge to the second and to the centre of the second hub, shape (2, 2); and the angles of its ends from its
     chord [rad], shape (2,)."""
@@ -162,7 +162,7 @@ def test_friction_holds_a_strip_in_its_socket(share: float, turns: bool) -> None
     assert (turned[0] < STICKS) != turns
 
 
-def loose(p: BuiltParameters) -> BuiltRobot:
+def loose(p: BuiltParameters) -> PrintedRobot:
     """Two hubs of 2 g, and between them a strip that hardly holds anything."""
     p = replace(p, tension=1e-6, buckling=1e-9, bending=1e-15, socket_friction=0.0)
     return strip((0.0, 0.0), (p.pitch, 0.0), (2e-3, 2e-3), p)
@@ -206,7 +206,10 @@ def test_a_hub_comes_to_rest_on_two_corners() -> None:
     assert motion.positions[-1, 0, 1] == pytest.approx(p.corner * (np.cos(np.radians(30)) - 1), abs=1e-4)
 
 
-@pytest.mark.parametrize(("seed", "friction", "tilt"), [(2, 1e-4, 0.0), (3, 1e-3, 0.0), (4, 1e-3, 0.1)])
+@pytest.mark.parametrize(
+    ("seed", "friction", "tilt"),
+    [(2, 1e-4, 0.0), pytest.param(3, 1e-3, 0.0, marks=pytest.mark.stress), (4, 1e-3, 0.1)],
+)
 def test_twin_moves_the_same(seed: int, friction: float, tilt: float) -> None:
     robot = build(bodies(1, seed)[0], replace(HUBS, socket_friction=friction, socket_turn=0.03, tilt=tilt))
     interval, instants = 0.003, 4
@@ -246,10 +249,10 @@ def test_clamped_strips_stay_clamped() -> None:
 
 
 def test_random_robots_differ_in_their_sockets() -> None:
-    drawn = [HUBS.perturbed(np.random.default_rng(seed)) for seed in range(200)]
+    drawn = [HUBS.perturb(np.random.default_rng(seed)) for seed in range(200)]
     frictions = np.log([d.socket_friction / HUBS.socket_friction for d in drawn])
     damping = np.log([d.strip_damping / HUBS.strip_damping for d in drawn])
     assert np.std(frictions) == pytest.approx(0.5, rel=0.2)
     assert np.std(damping) == pytest.approx(0.5, rel=0.2)
-    pinned = [BuiltParameters().perturbed(np.random.default_rng(seed)) for seed in range(200)]
+    pinned = [BuiltParameters().perturb(np.random.default_rng(seed)) for seed in range(200)]
     assert [p.friction for p in pinned] == [d.friction for d in drawn]  # the same robots otherwise

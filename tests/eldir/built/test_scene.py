@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from eldir.built.gait import Gait
-from eldir.built.samples import IdentifiedRobots, sampled_walks
-from eldir.built.scene import BuiltScene
+from eldir.built.samples import IdentifiedRobots, sample_walks
+from eldir.built.scene import PrintedScene
 from eldir.design import Design
 from eldir.errors import InputError
 from tests.calibration.dynamics.hidden_rigs import walker
@@ -34,27 +34,27 @@ def design_of(body: str, ballast: np.ndarray = BALLAST) -> Design:
 def test_a_file_of_format_1_gives_the_robots_it_gave(monkeypatch: pytest.MonkeyPatch) -> None:
     """The file and the walks are of version 0.1.0, before the format changed; its feet were all alike."""
     monkeypatch.setattr("eldir.parameters.robot.FOOT_SPREAD", 0.0)
-    scene, design = BuiltScene.load(OLD), design_of("0123456789ab")
+    scene, design = PrintedScene.load(OLD), design_of("0123456789ab")
     assert scene.parameters == ("hot_length", "cold_length", "friction") and scene.model_fits
     assert scene.z.tolist() == [-0.000674731, -0.00304448, -0.0825632]
-    assert [s.hot_length for s in scene.robot.springs_of(2)] == [0.0759433, 0.0740534]
+    assert [s.hot_length for s in scene.robot.motor_springs(2)] == [0.0759433, 0.0740534]
     assert scene.robot.strips[:4].tolist() == [4.70876e-05, -4.26306e-05, 0.0, 2.79164e-06]
     assert scene.results.model.at_edge == () == scene.results.model.tried[0].at_edge
     (film,) = scene.filmed_of(design)
     assert (film.gait, film.walked, film.upright, film.log) == (WALKED, 0.31, True, "log.mcap")
     robots = IdentifiedRobots.of(design, scene, [film.gait])
-    (walks,) = sampled_walks(robots, [WALKED], 3, 5)
+    (walks,) = sample_walks(robots, [WALKED], 3, 5)
     before = [-0.005502036820125717, -0.005378421133791828, -0.0058492852212311585]
     assert walks.displacement == pytest.approx(before, abs=1e-9)
 
 
 def test_a_file_of_format_1_is_written_as_the_present_one(tmp_path: Path) -> None:
-    scene = BuiltScene.load(OLD)
+    scene = PrintedScene.load(OLD)
     scene.save(tmp_path / "scene.json")
     written = json.loads((tmp_path / "scene.json").read_text())
     assert written["format"] == "eldir-built-scene/2"
     jsonschema.validate(written, SCHEMA)
-    again = BuiltScene.load(tmp_path / "scene.json")
+    again = PrintedScene.load(tmp_path / "scene.json")
     assert again == scene
     again.save(tmp_path / "again.json")
     assert (tmp_path / "again.json").read_bytes() == (tmp_path / "scene.json").read_bytes()
@@ -63,9 +63,9 @@ def test_a_file_of_format_1_is_written_as_the_present_one(tmp_path: Path) -> Non
 def test_a_file_of_format_2_is_read_and_written_as_it_is(tmp_path: Path) -> None:
     """The file was written by the last version that wrote its entries one by one."""
     old = ROOT / "tests" / "data" / "old" / "built-scene-2.json"
-    scene = BuiltScene.load(old)
+    scene = PrintedScene.load(old)
     assert scene.results.model.parts and scene.results.model.fits and scene.results.evaluations > 0
-    springs = scene.robot.springs_of(2)
+    springs = scene.robot.motor_springs(2)
     assert [s.hot_length for s in springs] == pytest.approx(scene.results.motor_springs["hot_length"])
     scene.save(tmp_path / "scene.json")
     assert (tmp_path / "scene.json").read_bytes() == old.read_bytes()
@@ -75,14 +75,14 @@ def test_results_of_a_version_before_0_1_0_are_left_out(tmp_path: Path) -> None:
     values = json.loads(OLD.read_text())
     values["results"] = {"turns": values["results"]["turns"], "model": {"fits": False}}
     (tmp_path / "scene.json").write_text(json.dumps(values))
-    scene = BuiltScene.load(tmp_path / "scene.json")
+    scene = PrintedScene.load(tmp_path / "scene.json")
     assert scene.results is None and not scene.model_fits and scene.z[2] == -0.0825632
 
 
 def test_single_parts_belong_to_the_filmed_body_alone() -> None:
-    scene = BuiltScene.load(OLD)
+    scene = PrintedScene.load(OLD)
     other = design_of("ba9876543210")
-    assert scene.robot_of(other) == scene.robot.uniform and not scene.robot_of(other).has_unequal_parts
+    assert scene.robot_of(other) == scene.robot.uniform and not scene.robot_of(other).has_individual_parts
     assert scene.filmed_of(other) == [] == scene.filmed_of(design_of("0123456789ab", 0 * BALLAST))
 
 
@@ -97,10 +97,10 @@ def test_single_parts_belong_to_the_filmed_body_alone() -> None:
 )
 def test_what_is_wrong_with_a_file_is_named(tmp_path: Path, damage: dict, code: str, key: str | None) -> None:
     path = tmp_path / "scene.json"
-    BuiltScene.load(OLD).save(path)
+    PrintedScene.load(OLD).save(path)
     path.write_text(json.dumps(json.loads(path.read_text()) | damage))
     with raises(InputError, code, key):
-        BuiltScene.load(path)
+        PrintedScene.load(path)
 
 
 @pytest.mark.parametrize(
@@ -119,7 +119,7 @@ def test_numbers_out_of_all_measure_are_refused_in_one_line(
     entry: str, value: float, key: str, said: str, tmp_path: Path
 ) -> None:
     """Squared or exponentiated they overflowed, with warnings of NumPy or a traceback, in eldir gait."""
-    values = json.loads(json.dumps(BuiltScene.load(OLD).to_json()))
+    values = json.loads(json.dumps(PrintedScene.load(OLD).to_json()))
     match entry:
         case "covariance":
             values[entry][0][0] = value
@@ -133,4 +133,4 @@ def test_numbers_out_of_all_measure_are_refused_in_one_line(
             values["parts"]["springs_z"]["cold_length"][0] = value
     (tmp_path / "scene.json").write_text(json.dumps(values))
     with raises(InputError, INCONSISTENT, key, match=said):
-        BuiltScene.load(tmp_path / "scene.json")
+        PrintedScene.load(tmp_path / "scene.json")

@@ -8,10 +8,18 @@ import numpy as np
 import pytest
 
 from eldir.built import screening
-from eldir.built.robot import BuiltRobot, build
-from eldir.built.samples import NominalRobots, SampledWalks, sampled_walks
+from eldir.built.robot import (
+    PrintedRobot,
+    build,
+    count_mechanisms,
+    feet,
+    find_held_motors,
+    min_area_ratio,
+    static_margin,
+    triangles,
+)
+from eldir.built.samples import NominalRobots, SampledWalks, sample_walks
 from eldir.built.screening import MARGIN, candidate_gaits, screen
-from eldir.built.statics import feet, freedoms, held_motors, least_opening, static_margin, triangles
 from eldir.built.walking import rotation
 from eldir.errors import InputError
 from eldir.genotype import random_genotypes
@@ -25,7 +33,7 @@ SOFT = BuiltParameters(tension=5e3)
 """Soft strips allow long steps: quick."""
 
 
-def evenly(robot: BuiltRobot) -> BuiltRobot:
+def evenly(robot: PrintedRobot) -> PrintedRobot:
     """All masses alike, so that the centre can be told by hand."""
     return replace(robot, masses=np.ones(len(robot.masses)))
 
@@ -60,22 +68,22 @@ def test_ballast_moves_the_margin() -> None:
 )
 def test_freedoms_of_bodies_made_by_hand(cells: tuple[tuple[int, int], ...], free: int) -> None:
     robot = build(body(*cells))
-    assert freedoms(robot.positions, robot.springs) == free
+    assert count_mechanisms(robot.positions, robot.springs) == free
 
 
 def test_a_square_of_four_bars_is_a_mechanism_and_a_diagonal_stops_it() -> None:
     corners = np.array([[0, 0], [0.05, 0], [0.05, 0.05], [0, 0.05]])
     bars = np.array([[0, 1], [1, 2], [2, 3], [0, 3]], np.int32)
-    assert freedoms(corners, bars) == 1
-    assert freedoms(corners, np.vstack([bars, [[0, 2]]]).astype(np.int32)) == 0
+    assert count_mechanisms(corners, bars) == 1
+    assert count_mechanisms(corners, np.vstack([bars, [[0, 2]]]).astype(np.int32)) == 0
 
 
 def test_masses_without_any_spring_move_freely() -> None:
     """A body whose springs are all motors: 2 M coordinates but the three rigid motions."""
     corners = np.array([[0, 0], [0.05, 0], [0.025, 0.04]])
     bars = np.array([[0, 1], [0, 2], [1, 2]], np.int32)
-    assert freedoms(corners, bars[:0]) == 3
-    assert held_motors(corners, bars, np.ones(3, bool)).tolist() == []
+    assert count_mechanisms(corners, bars[:0]) == 3
+    assert find_held_motors(corners, bars, np.ones(3, bool)).tolist() == []
 
 
 def test_opening_of_a_triangle_that_folds() -> None:
@@ -85,12 +93,12 @@ def test_opening_of_a_triangle_that_folds() -> None:
     tip = int(rest[:, 1].argmax())
     motion = np.stack([rest, rest, rest])
     motion[1, tip, 1] *= 0.25
-    assert least_opening(robot, motion) == pytest.approx(0.25)
+    assert min_area_ratio(robot, motion) == pytest.approx(0.25)
     motion[2, tip, 1] *= -0.5
-    assert least_opening(robot, motion) == pytest.approx(-0.5)
+    assert min_area_ratio(robot, motion) == pytest.approx(-0.5)
     angle = 1.0  # turning and moving opens and closes nothing
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    assert least_opening(robot, (rest @ turn.T + 3.0)[None]) == pytest.approx(1.0)
+    assert min_area_ratio(robot, (rest @ turn.T + 3.0)[None]) == pytest.approx(1.0)
 
 
 def test_gaits_to_try() -> None:
@@ -124,7 +132,7 @@ def test_a_small_screening(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_samples_repeat_and_spread() -> None:
     robots = NominalRobots(body((0, 1), (0, 2), (0, 3), (0, 4), (0, 5)), RobotParameters(SOFT))
     gait = candidate_gaits(2)[2]
-    one, two, other = (sampled_walks(robots, [gait], n, seed)[0] for n, seed in ((3, 1), (4, 1), (3, 2)))
+    one, two, other = (sample_walks(robots, [gait], n, seed)[0] for n, seed in ((3, 1), (4, 1), (3, 2)))
     assert one.displacement.tobytes() == two.displacement[:3].tobytes()
     assert not np.array_equal(one.displacement, other.displacement)
 
@@ -163,8 +171,8 @@ def test_how_far_a_body_is_turned() -> None:
 
 def test_a_body_that_its_motors_cannot_move_is_dropped() -> None:
     design = braced()
-    assert freedoms(design.positions, design.springs[~design.active]) == 0
+    assert count_mechanisms(design.positions, design.springs[~design.active]) == 0
     (found,) = screen([design], SOFT, phases=2)
     assert "rigid without its motors" in found.rejected and found.best == -np.inf
-    (walk,) = sampled_walks(NominalRobots(design, RobotParameters()), candidate_gaits(1), 1)
+    (walk,) = sample_walks(NominalRobots(design, RobotParameters()), candidate_gaits(1), 1)
     assert walk.displacement[0] == -np.inf  # rightly: its coil would buckle

@@ -97,7 +97,7 @@ def test_what_the_motion_begins_with_and_single_springs() -> None:
     longer = np.zeros(len(robot.springs))
     longer[np.flatnonzero(~robot.active)[3]] = 1.0
     course = base.lengths - COLD  # of a motor that stretches further
-    parameters = [Tangent(state=kicked), Tangent(rest_lengths=longer), base.by_lengths(course)]
+    parameters = [Tangent(state=kicked), Tangent(rest_lengths=longer), base.length_tangent(course)]
     start = rest_state(robot)
     start[1] += 0.002
     start[2] += 0.05

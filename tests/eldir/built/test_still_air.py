@@ -6,17 +6,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eldir.parameters.springs import SpringParameters
-from eldir.parameters.still_air import (
+from eldir.parameters.springs import (
+    CORRELATION_ERROR,
     EMISSIVITY,
-    SCATTER,
+    SpringParameters,
     free_convection,
-    hottest_in_still_air,
-    least_coefficient,
+    max_still_air_temperature,
+    min_heat_transfer_coefficient,
     radiation,
-    wire_coefficient,
+    wire_heat_transfer_coefficient,
 )
-from eldir_hardware.rig.supply import LimitError, settled_in_still_air
+from eldir_hardware.rig.supply import LimitError, steady_temperature_in_still_air
 from eldir_hardware.safety import limits
 from tests.hardware.rigs_and_schedules import measured, rig_with
 from tests.hardware.safety.independent_heat import Wire, still_air, temperatures
@@ -37,7 +37,9 @@ def test_two_correlations_differ_by_no_more_than_the_scatter():
     for wire in (0.38e-3, 0.5e-3, 0.75e-3, 1e-3):
         other = still_air(wire, 22.0, EMISSIVITY)
         for surface in (40.0, 60.0, 90.0, 110.0):
-            assert wire_coefficient(wire, surface, 22.0) == pytest.approx(other(surface), rel=SCATTER)
+            assert wire_heat_transfer_coefficient(wire, surface, 22.0) == pytest.approx(
+                other(surface), rel=CORRELATION_ERROR
+            )
 
 
 def test_a_straight_wire_at_the_current_that_was_called_safe():
@@ -45,7 +47,7 @@ def test_a_straight_wire_at_the_current_that_was_called_safe():
     for ambient, ohm, expected in ((22.0, 0.987, 102), (30.0, 1.05 * 0.987, 112)):
         found = WIRE.ambient
         for _ in range(200):
-            coefficient = wire_coefficient(WIRE.wire_diameter, found, ambient)
+            coefficient = wire_heat_transfer_coefficient(WIRE.wire_diameter, found, ambient)
             found = ambient + 2.05**2 * ohm / (coefficient * np.pi * WIRE.wire_diameter * WIRE.wire_length)
         assert found == pytest.approx(expected, abs=2.5)
 
@@ -53,7 +55,7 @@ def test_a_straight_wire_at_the_current_that_was_called_safe():
 def test_a_coil_loses_less_than_its_wire():
     """And what is counted on is less than both correlations give for the wire or for a closed cylinder."""
     for surface in (40.0, 60.0, 90.0):
-        least = least_coefficient(WIRE, surface)
+        least = min_heat_transfer_coefficient(WIRE, surface)
         wire = still_air(WIRE.wire_diameter, 22.0, 0.0)(surface)
         outer = WIRE.coil_diameter + WIRE.wire_diameter
         cylinder = still_air(outer, 22.0, 0.0)(surface) * np.pi * outer * 0.040  # half extended: 40 mm
@@ -63,12 +65,12 @@ def test_a_coil_loses_less_than_its_wire():
 
 def test_the_settled_temperature_is_where_heat_and_loss_balance():
     power = 0.5
-    settled = hottest_in_still_air(WIRE, power)
+    settled = max_still_air_temperature(WIRE, power)
     surface = np.pi * WIRE.wire_diameter * WIRE.wire_length
-    assert least_coefficient(WIRE, settled) * surface * (settled - WIRE.ambient) == pytest.approx(
+    assert min_heat_transfer_coefficient(WIRE, settled) * surface * (settled - WIRE.ambient) == pytest.approx(
         power, rel=1e-3
     )
-    assert hottest_in_still_air(replace(WIRE, ambient=30.0), power) > settled + 7
+    assert max_still_air_temperature(replace(WIRE, ambient=30.0), power) > settled + 7
 
 
 def test_the_current_in_docs_safety_is_safe_for_ever_and_the_next_is_not():
@@ -87,7 +89,7 @@ def test_the_current_in_docs_safety_is_safe_for_ever_and_the_next_is_not():
     share = outer * length / (0.75e-3 * np.pi * 6.5e-3 * 26.7)
     wire = Wire(1.05 * float(stated), 1.05 * 0.987, 30.0, lambda t: 0.8 * other(t) * share)
     hot = temperatures(wire, [(0.0, 900.0)], 900.0)[-1]
-    assert hot == pytest.approx(settled_in_still_air(rig(float(stated))), abs=6) and hot < 95
+    assert hot == pytest.approx(steady_temperature_in_still_air(rig(float(stated))), abs=6) and hot < 95
 
 
 def test_a_measured_coefficient_replaces_the_correlation():

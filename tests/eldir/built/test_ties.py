@@ -11,17 +11,17 @@ from hypothesis import strategies as st
 
 from eldir.built.gait import free_lengths
 from eldir.built.motion import drive
-from eldir.built.robot import BuiltRobot, build
-from eldir.built.samples import NominalRobots, SampledWalks, sampled_walks
+from eldir.built.robot import PrintedRobot, build
+from eldir.built.samples import NominalRobots, SampledWalks, sample_walks
 from eldir.built.screening import candidate_gaits
-from eldir.built.walking import TIED, describe_ties, tie_share
+from eldir.built.walking import MAX_TIE_SHARE, describe_ties, tie_share
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
 from tests.calibration.dynamics.hidden_rigs import walker
 from tests.eldir.built.braced_robots import strip
 
 
-def standing(load: float) -> BuiltRobot:
+def standing(load: float) -> PrintedRobot:
     """Two feet on the table; the front one bears this part of the load."""
     return strip((0, 0), (0.05, 0), (1.0 - load, load), BuiltParameters())
 
@@ -49,11 +49,11 @@ def test_it_is_a_share_of_the_sliding_not_of_the_time() -> None:
 def test_without_sliding_or_without_two_feet_there_is_no_tie() -> None:
     robot = standing(0.5)
     assert tie_share(robot, slid((0.0, 0.0))) == 0.0
-    in_air = slid((0.01, 0.01))
-    in_air[..., 1] = 0.01
-    assert tie_share(robot, in_air) == 0.0
-    in_air[:, 0, 1] = 0.0
-    assert tie_share(robot, in_air) == 0.0
+    with_ambient = slid((0.01, 0.01))
+    with_ambient[..., 1] = 0.01
+    assert tie_share(robot, with_ambient) == 0.0
+    with_ambient[:, 0, 1] = 0.0
+    assert tie_share(robot, with_ambient) == 0.0
 
 
 @given(st.integers(0, 10_000))
@@ -92,10 +92,10 @@ def test_friction_from_foot_to_foot_decides_where_ties_do() -> None:
 def test_samples_tell_their_ties() -> None:
     body = walker().morphology
     robots, gait = NominalRobots(body, RobotParameters()), candidate_gaits(body.motors)[7]
-    (walks,) = sampled_walks(robots, [gait], 6, 4, cycles=2)
+    (walks,) = sample_walks(robots, [gait], 6, 4, cycles=2)
     samples = robots.samples(6, 4)
     built = [build(body, sample) for sample in samples]
-    tables = [free_lengths(gait, sample.springs_of(body.motors), 2) for sample in samples]
+    tables = [free_lengths(gait, sample.motor_springs(body.motors), 2) for sample in samples]
     free, table = robots.free_lengths_of(samples[0]), tables[0]
     motions = drive(built, [t.lengths for t in tables], table.interval, every=2, free=free)
     assert np.isnan(walks.ties).tolist() == np.isinf(walks.displacement).tolist()
@@ -110,4 +110,4 @@ def test_samples_tell_their_ties() -> None:
 def test_words() -> None:
     words = "ties: in 8% of the feet's sliding both outer feet bear about the same load"
     assert describe_ties(0.08) == f"{words} (above 30% a prediction is doubtful)"
-    assert describe_ties(TIED + 0.01).endswith("so this prediction is doubtful")
+    assert describe_ties(MAX_TIE_SHARE + 0.01).endswith("so this prediction is doubtful")

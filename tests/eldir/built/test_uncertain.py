@@ -13,8 +13,8 @@ from eldir.built.robot import build
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import QUANTITIES, RobotParameters
 from eldir.parameters.springs import SpringParameters
-from eldir.parameters.uncertain import PARAMETERS, parameters_of
-from eldir_hardware.virtual.bodies import far_from
+from eldir.parameters.uncertain import PARAMETERS, applicable_parameters
+from eldir_hardware.virtual.bodies import sample_large_spread
 from tests.calibration.dynamics.hidden_rigs import SOFT, heating, walker
 
 HUBS = replace(SOFT, printed=SOFT.printed.with_hubs())
@@ -66,9 +66,9 @@ def test_every_parameter_changes_its_fields() -> None:
 
 
 def test_only_hubs_have_friction_in_sockets() -> None:
-    assert set(PARAMETERS) - set(parameters_of(SOFT.printed)) == {"socket_friction"}
-    assert parameters_of(HUBS.printed) == tuple(PARAMETERS)
-    assert parameters_of(BuiltParameters.clamped(), ("socket_friction", "buckling")) == ("buckling",)
+    assert set(PARAMETERS) - set(applicable_parameters(SOFT.printed)) == {"socket_friction"}
+    assert applicable_parameters(HUBS.printed) == tuple(PARAMETERS)
+    assert applicable_parameters(BuiltParameters.clamped(), ("socket_friction", "buckling")) == ("buckling",)
 
 
 def test_defaults_are_the_rigs() -> None:
@@ -78,7 +78,7 @@ def test_defaults_are_the_rigs() -> None:
 
 def test_far_rigs_are_far_and_each_its_own() -> None:
     for seed in range(20):
-        far = far_from(SOFT, seed)
+        far = sample_large_spread(SOFT, seed)
         off = {
             n: abs(QUANTITIES[n].value(far) / QUANTITIES[n].value(SOFT) - 1)
             for n in ("hot_length", "cold_length", "current", "cooling", "friction", "hot_stiffness")
@@ -86,4 +86,4 @@ def test_far_rigs_are_far_and_each_its_own() -> None:
         assert 0.1 <= off["friction"] <= 0.5 and 0.1 <= off["cooling"] <= 0.4
         assert 0.1 <= off["hot_length"] <= 0.2 and 0.1 <= off["cold_length"] <= 0.3
         assert off["hot_stiffness"] < 0.7 and far.springs.cold_length < far.springs.hot_length
-    assert far_from(SOFT, 1) == far_from(SOFT, 1) != far_from(SOFT, 2)
+    assert sample_large_spread(SOFT, 1) == sample_large_spread(SOFT, 1) != sample_large_spread(SOFT, 2)

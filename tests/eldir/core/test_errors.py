@@ -8,9 +8,8 @@ import runpy
 
 import pytest
 
-from eldir.core.arguments import require_known, require_number, require_shape, require_value
-from eldir.core.files import read_file, require_new
-from eldir.core.json_text import parse_json
+from eldir.core.arguments import require_count, require_known, require_shape, require_value
+from eldir.core.files import parse_json, read_file, require_new
 from eldir.core.yaml_files import parse_yaml
 from eldir.errors import EldirError, InputError
 from eldir.evolution.search import EvolutionConfig
@@ -69,16 +68,16 @@ def _second_order() -> dict[str, object]:
 
 def test_arguments_have_code_and_key() -> None:
     require_value("a", True, "b")
-    require_number("a", 2, 2)
+    require_count("a", 2, 2)
     require_shape("a", (3, 2), (9,), (None, 2))
     require_shape("a", (), ())
     require_known("a", ["b", "c"], "abc")
     with raises(InputError, "input.wrong-value", "step", match="^invalid step; expected 1 s; found 2; go$"):
         require_value("step", False, "1 s", 2, "go")
     with raises(
-        InputError, "input.wrong-number", "gaits", match="^wrong number of gaits; expected 2, one for"
+        InputError, "input.wrong-number", "gaits", match="^invalid number of gaits; expected 2, one for"
     ):
-        require_number("gaits", 3, 2)
+        require_count("gaits", 3, 2)
     with raises(InputError, "input.wrong-shape", "x", match=r"\(9\) or \(any, 2\); found \(2, 3\)$"):
         require_shape("x", (2, 3), (9,), (None, 2))
     with raises(InputError, "input.unknown-name", "crossover", match="expected a . b; found 'c', 'd'$"):

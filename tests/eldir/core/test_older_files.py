@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from eldir.built.scene import BuiltScene
+from eldir.built.scene import PrintedScene
 from eldir.evolution.printed.genome import Timing
 from eldir.evolution.printed.run_folder import PrintedRunFile
 from eldir.parameters.printed import BuiltParameters
@@ -17,7 +17,7 @@ from tests.paths import DATA
 OLD = DATA / "old"
 
 
-def rewritten(read: PrintedRunFile | Trajectory | BuiltScene, folder: Path) -> bytes:
+def rewritten(read: PrintedRunFile | Trajectory | PrintedScene, folder: Path) -> bytes:
     read.save(folder / "again.json")
     return (folder / "again.json").read_bytes()
 

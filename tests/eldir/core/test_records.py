@@ -16,7 +16,7 @@ from hypothesis.extra.numpy import arrays
 from pydantic import Field
 
 from eldir.core.records import OMITTED, Array, BoolArray, FileRecord, FloatArray, IntArray, Record, record
-from eldir.core.validation import adapter, validated
+from eldir.core.validation import adapter, validate
 from eldir.errors import InputError
 
 # Compiled code may have made this process take subnormal numbers for 0.
@@ -136,7 +136,7 @@ def changed(**changes: Any) -> Everything:
     return replace(ONE, **changes)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(EVERYTHING)
 def test_a_record_survives_its_file(made: Everything) -> None:
     text = json.dumps(made.to_json(), allow_nan=False)
@@ -209,7 +209,7 @@ def test_a_wrong_value_in_a_file_is_named_with_its_place(case: str, tmp_path: Pa
 def test_a_wrong_value_is_refused_at_construction(case: str) -> None:
     entry, value, _ = WRONG[case]
     for _ in range(2):  # pydantic makes the constructor anew when a class is first used
-        with pytest.raises(InputError, match=rf"^Everything\.{entry}"):
+        with pytest.raises(InputError, match=rf"^(invalid )?Everything\.{entry}"):
             changed(**{entry: tuple(value) if entry == "pair" else value})
 
 
@@ -229,11 +229,11 @@ def test_a_number_that_a_file_cannot_have_is_refused(wrong: float) -> None:
 
 def test_what_is_given_by_position_is_named() -> None:
     for _ in range(2):
-        with pytest.raises(InputError, match=r"^Supply\.volts is wrong.*greater than 0.*found -1"):
+        with pytest.raises(InputError, match=r"^invalid Supply\.volts.*greater than 0.*found -1"):
             Supply(-1.0)
-        with pytest.raises(InputError, match=r"^Supply has fewer fields"):
+        with pytest.raises(InputError, match=r"^too many arguments for Supply"):
             Supply(1.0, "a", "b")  # type: ignore[call-arg]
-        with pytest.raises(InputError, match=r"^Supply: no entry has the name amperes"):
+        with pytest.raises(InputError, match=r"^Supply: unknown entry amperes"):
             Supply(amperes=1.0)  # type: ignore[call-arg]
     with pytest.raises(InputError, match=r"^Everything\.size is missing"):
         Everything(1)  # type: ignore[call-arg]
@@ -299,7 +299,7 @@ def test_older_files_are_read_at_every_depth(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"a\.json: former_kind is missing"):
         Everything.load(path)
     path.write_text(json.dumps(values | {"format": "eldir-everything/3"}))
-    with pytest.raises(InputError, match="not the right kind of file"):
+    with pytest.raises(InputError, match=r"^invalid format of"):
         Everything.load(path)
 
 
@@ -311,7 +311,7 @@ def test_values_that_do_not_fit_each_other(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"a\.json: the spare supply has more"):
         Everything.load(path)
     path.write_text(json.dumps(ONE.to_json() | {"main": Supply(1.0, "refused").to_json()}))
-    with pytest.raises(InputError, match=r"a\.json is not sound: the main supply is refused"):
+    with pytest.raises(InputError, match=r"a\.json is invalid: the main supply is refused"):
         Everything.load(path)
 
 
@@ -339,7 +339,7 @@ def test_a_field_that_is_added_is_in_schema_file_and_error_at_once() -> None:
     assert schema["properties"]["voltage_v"]["description"] == "Voltage [V]."
     assert schema["required"] == ["voltage_v", "amperes"] and schema["description"].startswith("A supply of")
     assert More(1.0).to_json() == {"voltage_v": 1.0, "name": "bench", "amperes": 4.0}
-    with pytest.raises(InputError, match=r"file: amperes is wrong.*40.*found 41"):
-        validated(More, {"voltage_v": 1.0, "amperes": 41}, "file")
+    with pytest.raises(InputError, match=r"file: invalid amperes.*40.*found 41"):
+        validate(More, {"voltage_v": 1.0, "amperes": 41}, "file")
     with pytest.raises(InputError, match="file: amperes is missing"):
-        validated(More, {"voltage_v": 1.0}, "file")
+        validate(More, {"voltage_v": 1.0}, "file")

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from eldir.built.robot import BuiltRobot
+from eldir.built.robot import PrintedRobot
 from eldir.built.stability import STICKS
 from eldir.parameters.printed import BuiltParameters
 
@@ -38,7 +38,7 @@ def down(p: BuiltParameters) -> np.ndarray:
 class HubStep:
     """One step of a robot with hubs; it remembers how far each socket's friction has been dragged along."""
 
-    def __init__(self, robot: BuiltRobot):
+    def __init__(self, robot: PrintedRobot):
         self.robot = robot
         self.dragged = np.zeros((len(robot.springs), 2))
 

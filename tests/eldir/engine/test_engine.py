@@ -11,10 +11,10 @@ from eldir.genotype import Genotype, random_genotypes
 from eldir.lattice import Lattice
 from eldir.learning import learn
 from eldir.morphology import Morphology, develop
-from eldir.rollout import FINE, loss_and_gradient, simulate
+from eldir.rollout import OK, loss_and_gradient, simulate
 from eldir.scene import Scene
 from eldir.terrain import Terrain
-from eldir.training.configuration import Training
+from eldir.training.configuration import TrainingConfig
 from tests.eldir.engine.random_robots import (
     SMALL,
     WEIGHTS,
@@ -49,11 +49,12 @@ def golden(name: str) -> tuple[dict, Morphology, Controller, Scene]:
     return data, body, brain, scene
 
 
+@pytest.mark.compiler
 @pytest.mark.parametrize("name", GOLDEN)
 def test_released_code_moves_the_same(name: str) -> None:
     data, body, brain, scene = golden(name)
     rollout = simulate([body], [brain], scene)[0]
-    assert rollout.status == FINE
+    assert rollout.status == OK
     assert np.abs(rollout.positions[data["t_saved"]] - data["x_init"]).max() < 1e-9
     assert np.abs(rollout.velocities[data["t_saved"]] - data["v_init"]).max() < 1e-7
     assert np.abs(rollout.positions[:21] - data["x_first20"]).max() < 1e-9
@@ -63,6 +64,7 @@ def test_released_code_moves_the_same(name: str) -> None:
     assert abs(rollout.loss - data["loss_hist"][0]) < 1e-9
 
 
+@pytest.mark.compiler
 @pytest.mark.parametrize("states", [10, 50, 200, 1000])
 def test_gradient_is_the_exact_one(states: int) -> None:
     data, body, brain, scene = golden("rss_flat")
@@ -77,6 +79,7 @@ def test_gradient_is_the_exact_one(states: int) -> None:
         assert abs(losses[0] - data[f"loss{suffix}"]) < 1e-12
 
 
+@pytest.mark.compiler
 @pytest.mark.parametrize("name", ["main_flat", "main_rugged", "climb", "descent"])
 def test_gradient_with_friction_is_the_slope_of_the_loss(name: str) -> None:
     if name in GOLDEN:
@@ -145,6 +148,7 @@ def test_twin_moves_the_same(name: str) -> None:
     assert abs(rollout.loss + (x[-1] - x[0])[:, 0].mean()) < 1e-12
 
 
+@pytest.mark.compiler
 def test_bytes_depend_neither_on_threads_nor_on_company(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = Scene.preset("paper").replace(steps=120)
     bodies, brains = robots(SMALL, 9, 4, scene)
@@ -160,11 +164,13 @@ def test_bytes_depend_neither_on_threads_nor_on_company(monkeypatch: pytest.Monk
             assert mine.tobytes() == other.tobytes()
 
 
+@pytest.mark.compiler
 def test_single_precision_gradients_are_close() -> None:
     scene = Scene.preset("paper").replace(steps=200)
     assert_float32_is_close(*robots(SMALL, 32, 6, scene), scene)
 
 
+@pytest.mark.compiler
 @pytest.mark.parametrize(("preset", "bias_gain"), [("paper", 1), ("released-rss", 3)])
 def test_learning_follows_the_normalised_gradient(preset: str, bias_gain: int) -> None:
     scene = Scene.preset(preset).replace(precision="f64", steps=300)
@@ -178,7 +184,7 @@ def test_learning_follows_the_normalised_gradient(preset: str, bias_gain: int) -
         updated = []
         for brain, g in zip(trained, gradients, strict=True):
             length = np.sqrt(norm(g) ** 2 + (bias_gain - 1) * (g.b1**2).sum())
-            step = Training().update_length / (length + 1e-6)
+            step = TrainingConfig().update_length / (length + 1e-6)
             new = moved(brain, g, -step)
             updated.append(Controller(new.w1, brain.b1 - bias_gain * step * g.b1, new.w2, new.b2))
         trained = updated
@@ -190,6 +196,7 @@ def test_learning_follows_the_normalised_gradient(preset: str, bias_gain: int) -
             assert np.allclose(found, kept, atol=1e-6)
 
 
+@pytest.mark.compiler
 def test_robots_that_blow_up_are_told() -> None:
     stiff = Scene.preset("paper").replace(steps=200, stiffness=1e9, large_step="run")
     bodies, brains = robots(SMALL, 3, 8, stiff)
@@ -204,6 +211,7 @@ def test_robots_that_blow_up_are_told() -> None:
     assert all(np.array_equal(a.w1, b.w1) for a, b in zip(trained.controllers, brains, strict=True))
 
 
+@pytest.mark.compiler
 def test_neighbours_of_a_robot_that_blew_up_are_untouched() -> None:
     scene = Scene.preset("paper").replace(steps=100)
     bodies, brains = robots(SMALL, 3, 8, scene)
@@ -220,6 +228,7 @@ def test_neighbours_of_a_robot_that_blew_up_are_untouched() -> None:
         assert all(getattr(mine, k).tobytes() == getattr(other, k).tobytes() for k in WEIGHTS)
 
 
+@pytest.mark.compiler
 def test_falling_straight_down_gives_no_nan() -> None:
     """Exactly zero tangential velocity: the released code divides 0 by 0 here."""
     body = one(triangles_at((0, 1)))
@@ -245,7 +254,7 @@ def test_a_robot_without_motors_stands_still() -> None:
         np.ones((32, 10 + 4 * len(body.positions))), np.ones(32), np.zeros((0, 32)), np.zeros(0)
     )
     rollout = simulate([passive], [brain], Scene.preset("paper"))[0]
-    assert rollout.activations.shape == (999, 0) and rollout.status == FINE
+    assert rollout.activations.shape == (999, 0) and rollout.status == OK
     assert abs(rollout.loss) < 2e-3
     losses, (gradient,) = loss_and_gradient([passive], [brain], Scene.preset("paper"))
     assert losses[0] == pytest.approx(rollout.loss) and norm(gradient) == 0 and gradient.w2.shape == (0, 32)

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from eldir.engine.compiler import ti
-from eldir.engine.launch import Constant, Count, Integers, Number, Values, argument_types, kernel_of
-from eldir.engine.runtime import start
+from eldir.engine.runtime import Constant, Count, Integers, Number, Values, argument_types, make_kernel, start
 
 
 class Inner(NamedTuple):
@@ -36,9 +35,10 @@ def kernel() -> Any:
         launch.second.out[k] = launch.factor * (launch.scale * worker + launch.second.offset)
 
     work.__annotations__["launch"] = ti.template()
-    return kernel_of(Outer, argument_types(ti.f64), ti.func(work))
+    return make_kernel(Outer, argument_types(ti.f64), ti.func(work))
 
 
+@pytest.mark.compiler
 @pytest.mark.parametrize("factor", [2, 3])
 def test_every_field_arrives_under_its_name(kernel: Any, factor: int) -> None:
     one, two, index = np.zeros(4), np.zeros(4), np.array([3, 1, 0, 2], np.int32)

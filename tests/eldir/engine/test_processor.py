@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 from numpy._core._multiarray_umath import __cpu_features__
 
-from eldir.engine.kernels import processor
+from eldir.engine.kernels import simd
 
 
 def test_numpy_finds_the_same_registers_here() -> None:
-    assert processor.has_wide_registers() == __cpu_features__.get("AVX512F", False)
+    assert simd.has_wide_registers() == __cpu_features__.get("AVX512F", False)
 
 
 @pytest.mark.parametrize(
@@ -31,6 +31,6 @@ def test_registers_of_other_processors(
 ) -> None:
     if flags is not None:
         (tmp_path / "cpuinfo").write_text(flags)
-    monkeypatch.setattr(processor, "_FLAGS", tmp_path / "cpuinfo")
+    monkeypatch.setattr(simd, "CPU_FLAGS", tmp_path / "cpuinfo")
     monkeypatch.setattr(platform, "machine", lambda: machine)
-    assert processor.has_wide_registers.__wrapped__() is wide
+    assert simd.has_wide_registers.__wrapped__() is wide

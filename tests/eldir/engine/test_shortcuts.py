@@ -69,7 +69,11 @@ def test_a_few_states_take_little_memory(monkeypatch: pytest.MonkeyPatch) -> Non
     losses = []
     for shortcuts in (ALL, Shortcuts(no_history=False)):
         taken.clear()
-        losses.append(batch.run_batch(bodies, brains, Scene(), shortcuts=shortcuts).losses[0, 0])
+        losses.append(
+            batch.run_batch(bodies, brains, Scene(), config=batch.BatchConfig(shortcuts=shortcuts)).losses[
+                0, 0
+            ]
+        )
         losses.append(max(taken))
     assert losses[0] == losses[2] and losses[1] < losses[3] / 5
 

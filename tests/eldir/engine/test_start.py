@@ -15,7 +15,7 @@ from eldir.core.kernels import compiler_name
 from eldir.core.records import FloatArray
 from eldir.engine import batch
 from eldir.engine.ground import pack_ground
-from eldir.engine.kernels.contact import SEGMENT
+from eldir.engine.kernels.contact import SEGMENT_VALUES
 from eldir.engine.pack import ORIGIN
 from eldir.errors import InputError
 from eldir.lattice import Lattice
@@ -34,6 +34,7 @@ def python(code: str) -> subprocess.CompletedProcess[str]:
     )
 
 
+@pytest.mark.compiler
 def test_import_starts_nothing_and_threads_may_start_and_use_it_at_the_same_time_without_a_word() -> None:
     ran = python(
         "import eldir.engine, eldir.engine.batch; from eldir.engine.compiler import ti\n"
@@ -58,7 +59,7 @@ def test_import_starts_nothing_and_threads_may_start_and_use_it_at_the_same_time
 
 def test_importing_the_engine_loads_no_compiler() -> None:
     ran = python(
-        "import sys, eldir.engine.deduplicate, eldir.engine.stable_step, eldir.engine.shortcuts\n"
+        "import sys, eldir.engine.stable_step, eldir.engine.shortcuts\n"
         "assert not {'taichi', 'quadrants'} & set(sys.modules)"
     )
     assert ran.stdout + ran.stderr == ""
@@ -66,22 +67,22 @@ def test_importing_the_engine_loads_no_compiler() -> None:
 
 COMPILED = """
 import sys
-from eldir.engine.kernels import processor
+from eldir.engine.kernels import simd
 
-otherwise, wide = sys.argv[1], processor.has_wide_registers()
+otherwise, wide = sys.argv[1], simd.has_wide_registers()
 if otherwise == "registers":
-    processor.has_wide_registers = lambda: not wide
+    simd.has_wide_registers = lambda: not wide
 from eldir.engine import batch
 from eldir.engine.compiler import ti
 if otherwise == "algebra":
-    prefer = batch.prefer
+    set_compile_options = batch.set_compile_options
 
     def without(precision):
-        prefer(precision)
+        set_compile_options(precision)
         assert ti.cfg.advanced_optimization
         ti.cfg.advanced_optimization = False
 
-    batch.prefer = without
+    batch.set_compile_options = without
 from tests.eldir.engine.random_robots import learned_numbers
 
 print(*learned_numbers())
@@ -101,6 +102,7 @@ def as_it_is() -> FloatArray:
     return learned_numbers()
 
 
+@pytest.mark.compiler
 def test_processors_with_other_registers_compute_the_same(as_it_is: FloatArray) -> None:
     """What is compiled for processors of the other kind, on this one."""
     found, largest = compiled("registers"), np.abs(as_it_is).max()
@@ -109,20 +111,23 @@ def test_processors_with_other_registers_compute_the_same(as_it_is: FloatArray) 
     np.testing.assert_allclose(found, as_it_is, rtol=1e-8, atol=1e-12 * largest)
 
 
+@pytest.mark.compiler
 @pytest.mark.skipif(compiler_name() != "taichi", reason="Quadrants' algebra rounds differently")
 def test_the_compilers_algebra_changes_no_byte_of_float64(as_it_is: FloatArray) -> None:
     assert compiled("algebra").tobytes() == as_it_is.tobytes()
 
 
+@pytest.mark.compiler
 def test_without_vectors_it_goes_on_and_says_so_once() -> None:
     ran = python(
         "import logging\n"
-        "from eldir.engine import runtime, selfcheck\n"
+        "from eldir.engine import runtime\n"
+        "from eldir.engine.kernels import simd\n"
         "logging.basicConfig()\n"
-        "runtime._initialise(vectors=True)\n"
-        "check = selfcheck.vectors_work\n"
+        "runtime.initialise(vectors=True)\n"
+        "check = simd.vectors_work\n"
         "assert check()\n"
-        "selfcheck.vectors_work = lambda: False\n"
+        "simd.vectors_work = lambda: False\n"
         "ti = runtime.start()\n"
         "runtime.start()\n"
         "assert check()  # the same results, more slowly\n"
@@ -193,10 +198,10 @@ def test_the_grid_never_hides_ground(seed: int, kind: str) -> None:
     )
     ground, (origin, _) = pack_ground(scene, grid=True), ORIGIN
     cells = len(ground.cell_segment)
-    edges = np.concatenate([terrain.x0, np.arange(cells) / ground.cells_per_m + ground.grid_from + origin])
+    edges = np.concatenate([terrain.x0, np.arange(cells) / ground.cells_per_m + ground.grid_start + origin])
     x = np.concatenate([rng.uniform(-2, 3, 200), edges, np.nextafter(edges, 9), np.nextafter(edges, -9)])
-    cell = np.clip(np.floor((x - origin - ground.grid_from) * ground.cells_per_m) + 1, 0, cells - 1)
-    starts = ground.segments.reshape(-1, SEGMENT)[:, 0] + origin
+    cell = np.clip(np.floor((x - origin - ground.grid_start) * ground.cells_per_m) + 1, 0, cells - 1)
+    starts = ground.segments.reshape(-1, SEGMENT_VALUES)[:, 0] + origin
     first = ground.cell_segment[cell.astype(int)]
     assert (starts[first] <= x).all()
     assert (np.searchsorted(starts, x, side="right") - 1 <= first + 2).all(), "it begins just before"

@@ -7,20 +7,23 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
+pytestmark = pytest.mark.compiler
+
 PROGRAM = """
 import sys
 
 import numpy as np
-from eldir.engine.aligned import aligned
-from eldir.engine.compiler import ti
+from eldir.engine.compiler import aligned, ti
 from eldir.engine.kernels.memory import Column, Memory
-from eldir.engine.kernels.vectors import vectors
+from eldir.engine.kernels.simd import vectors
 
 ti.init(
     arch=ti.cpu, log_level=ti.ERROR, offline_cache=False, real_matrix_scalarize=False, opt_level=0,
     advanced_optimization=False, make_cpu_multithreading_loop=False, print_kernel_llvm_ir_optimized=True,
 )
-kind = vectors("f32")
+simd = vectors("f32")
 ones, by_16 = (ti.types.ndarray(dtype=ti.types.vector(n, ti.f32), ndim=1) for n in (1, 16))
 values = ti.types.ndarray(dtype=ti.f32, ndim=1)
 
@@ -29,13 +32,13 @@ def copy_singly(x: values, rows: ti.i32, ahead: ti.i32, out: by_16):
     for _ in range(1):
         for i in range(rows):
             column = ti.static(Column(Memory(values=x), 0))
-            out[i] = kind.lanes([column.each[16 * i + ahead + j] for j in ti.static(range(16))])
+            out[i] = simd.lanes([column.each[16 * i + ahead + j] for j in ti.static(range(16))])
 
 @ti.kernel
 def copy(x: ones, rows: ti.i32, ahead: ti.i32, out: by_16):
     for _ in range(1):
         for i in range(rows):
-            out[i] = kind.shifted(ti.static(Column(Memory(ones=x), 0)), i, ahead)
+            out[i] = simd.shifted(ti.static(Column(Memory(ones=x), 0)), i, ahead)
 
 x, out = np.arange(80, dtype=np.float32), aligned(64, np.float32)
 if sys.argv[1] == "together":

@@ -13,7 +13,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from eldir.built.robot import BuiltRobot
+from eldir.built.robot import PrintedRobot
 from eldir.controller import Controller
 from eldir.morphology import Morphology
 from eldir.physics import Physics
@@ -177,7 +177,7 @@ def strip_force(stretch: float, length: float, tension: float, buckling: float) 
 
 
 def built_step(
-    robot: BuiltRobot, rest: np.ndarray, stiffness: np.ndarray, dt: float, state: np.ndarray
+    robot: PrintedRobot, rest: np.ndarray, stiffness: np.ndarray, dt: float, state: np.ndarray
 ) -> np.ndarray:
     """The state (4 or 7, M) after `dt`, over a table at y = 0: x, y, vx, vy, cosine, sine, spin."""
     p = robot.parameters
@@ -213,7 +213,7 @@ def built_step(
     return np.concatenate(after)
 
 
-def end_moments(robot: BuiltRobot, s: int, state: np.ndarray) -> np.ndarray:
+def end_moments(robot: PrintedRobot, s: int, state: np.ndarray) -> np.ndarray:
     """At both ends of a clamped strip [N m]: its bending energy's slope in its ends' rotations from the
     chord, E = E I / l (2 pa^2 + 2 pa pb + 2 pb^2), each rotation a little ahead of itself (damping)."""
     a, b = robot.springs[s]
@@ -230,7 +230,7 @@ def end_moments(robot: BuiltRobot, s: int, state: np.ndarray) -> np.ndarray:
 
 
 def built_run(
-    robot: BuiltRobot, lengths: np.ndarray, interval: float, substeps: int, free: tuple[float, float]
+    robot: PrintedRobot, lengths: np.ndarray, interval: float, substeps: int, free: tuple[float, float]
 ) -> np.ndarray:
     """Positions at every instant of the table of free lengths (K + 1, A), shape (K + 1, M, 2)."""
     p, motors = robot.parameters, np.flatnonzero(robot.active)

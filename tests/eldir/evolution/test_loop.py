@@ -15,10 +15,11 @@ import pytest
 from eldir.errors import EldirError, InputError
 from eldir.evolution.loop import run_generations
 from eldir.evolution.run_folder import RunFolder
-from eldir.evolution.status import status_of
+from eldir.evolution.status import read_status
 from tests.eldir.evolution.counting_evaluation import Counting
 from tests.eldir.evolution.killed_run import CONFIG, Pretence
 from tests.eldir.evolution.run_folders import contents
+from tests.forked_programs import Forked
 from tests.paths import ROOT
 from tests.raised import raises
 
@@ -38,18 +39,15 @@ def test_killed_at_random_instants_a_run_ends_with_the_same_bytes(tmp_path, whol
     folder, rng, kills = tmp_path / "run", np.random.default_rng(8), 0
     while True:
         command = [sys.executable, "-m", "tests.eldir.evolution.killed_run", str(folder)]
-        process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE)
-        process.stdout.readline()  # it has begun
-        try:
-            # Longer and longer, so that a busy machine comes to the end as well.
-            assert process.wait(timeout=rng.uniform(0.02, 0.15) + 0.1 * kills) == 0
-            break
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
-            kills += 1
-        finally:
-            process.stdout.close()
+        with Forked(command, stdout=subprocess.PIPE) as process:
+            process.stdout.readline()  # it has begun
+            try:
+                # Longer and longer, so that a busy machine comes to the end as well.
+                assert process.wait(timeout=rng.uniform(0.02, 0.15) + 0.1 * kills) == 0
+                break
+            except subprocess.TimeoutExpired:
+                process.kill()
+                kills += 1
         assert kills < 100
     assert kills >= 2
     assert contents(folder) == whole
@@ -127,14 +125,14 @@ def test_progress_counts_robots(tmp_path):
 
 def test_status_while_it_runs_when_stopped_and_at_the_end(tmp_path):
     run = RunFolder.create(tmp_path / "run", CONFIG)
-    empty = status_of(run)
+    empty = read_status(run)
     assert (empty.state, empty.whole, empty.best_m, empty.seconds_left) == ("stopped", 0, None, None)
     trainer, search = Counting(10), run.restore()
     with run.locked():
         run_generations(run, search, trainer, trainer.stopped)
         for g in range(3):
             os.utime(run.generation_file(g), (70.0 * g, 70.0 * g))
-        status = status_of(run)
+        status = read_status(run)
         with raises(EldirError, "run.locked"), RunFolder.open(run.path).locked():
             pass
     assert (status.state, status.whole, status.learned) == ("evolving", 3, 5)
@@ -144,10 +142,10 @@ def test_status_while_it_runs_when_stopped_and_at_the_end(tmp_path):
     assert status.seconds_a_generation == 70 and status.seconds_left == pytest.approx(70 * (10 - 5 / 12))
     assert "3 of 13 generations and 5 of 12 robots" in status.summary()
     assert status.summary().endswith("; 1:10 min a generation, 11:11 min left")
-    assert status_of(run).state == "stopped"
+    assert read_status(run).state == "stopped"
     run_generations(run, search, Pretence())
-    assert status_of(run).state == "finished"
-    for found in (empty, status, status_of(run)):
+    assert read_status(run).state == "finished"
+    for found in (empty, status, read_status(run)):
         jsonschema.validate(json.loads(json.dumps(found.to_json())), SCHEMA)
 
 
@@ -159,7 +157,7 @@ def test_the_time_left_is_told_from_the_last_five_generations(tmp_path):
     ends = 1e9 + np.cumsum([0.0, 1, 1, 1, 100, 100, 100, 1, 1])
     for g, end in enumerate(ends):
         os.utime(run.generation_file(g), (end, end))
-    status = status_of(run)
+    status = read_status(run)
     assert (status.whole, status.learned) == (9, 0)
     assert status.seconds_a_generation == 100.0
     assert status.seconds_left == 100.0 * (CONFIG.generations + 1 - 9)
@@ -171,7 +169,7 @@ def test_a_copied_run_does_not_tell_how_long_a_generation_takes(tmp_path):
     run_generations(run, run.restore(), trainer, trainer.stopped)
     for g in range(3):  # as after `cp -r`
         os.utime(run.generation_file(g), (1e9 + 1e-4 * g, 1e9 + 1e-4 * g))
-    status = status_of(run)
+    status = read_status(run)
     assert (status.whole, status.seconds_a_generation, status.seconds_left) == (3, None, None)
     assert " a generation" not in status.summary() and " left" not in status.summary()
 
@@ -187,7 +185,7 @@ def test_the_discarded_are_counted(tmp_path):
     trainer = Counting(3)
     trainer.__class__ = type("Both", (Counting, Unstable), {})
     run_generations(run, run.restore(), trainer, trainer.stopped)
-    assert (status_of(run).evaluated, status_of(run).discarded) == (12, 3)
+    assert (read_status(run).evaluated, read_status(run).discarded) == (12, 3)
 
 
 def test_a_full_disk_is_named_and_nothing_is_lost(tmp_path, whole, monkeypatch):

@@ -31,7 +31,7 @@ def test_an_interrupted_run_is_resumed_to_the_same_bytes(tmp_path):
     whole = evolve(CONFIG, str(tmp_path / "whole"))
     part, seen = RunFolder.create(tmp_path / "part", CONFIG), []
     run_generations(part, part.restore(), LocalTrainer(), iter([False, False, True]).__next__)
-    assert 0 < len(part.whole_generations()) < 4
+    assert 0 < len(part.complete_generations()) < 4
     resume(tmp_path / "part", lambda generation, best: seen.append(generation))
     assert seen[-1] == 3 and len(seen) < 4
     assert {**contents(part.path), "lock": b""} == {**contents(whole.path), "lock": b""}

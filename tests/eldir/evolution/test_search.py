@@ -5,7 +5,7 @@ import pytest
 
 from eldir.built.robot import build
 from eldir.errors import EldirError, InputError
-from eldir.evolution.population import select, valid
+from eldir.evolution.population import is_valid, select
 from eldir.evolution.search import EvolutionConfig, Search, robot_seed
 from eldir.morphology import Morphology
 from tests.eldir.evolution.pretended_searches import SMALL, evaluate, evolved
@@ -90,7 +90,7 @@ def test_seeds_are_distinct_and_do_not_depend_on_the_population():
     ],
 )
 def test_invalid_robots_are_told_by_their_losses(losses, sound):
-    assert valid(np.array([losses]), 0.5)[0] == sound
+    assert is_valid(np.array([losses]), 0.5)[0] == sound
 
 
 def test_invalid_robots_do_not_survive_and_the_population_recovers():

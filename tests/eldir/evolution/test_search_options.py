@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from eldir.built.robot import build
-from eldir.built.statics import freedoms, static_margin
+from eldir.built.robot import build, count_mechanisms, static_margin
 from eldir.errors import InputError
 from eldir.evolution.designs import load_run
 from eldir.evolution.history import read_history
@@ -16,7 +15,7 @@ from eldir.lattice import Lattice
 from eldir.learning import initial_controllers
 from eldir.morphology import develop
 from eldir.scene import Scene
-from eldir.training.configuration import Training
+from eldir.training.configuration import TrainingConfig
 from tests.eldir.evolution.counting_evaluation import Counting
 from tests.eldir.evolution.pretended_searches import evaluate, evolved, pretend
 from tests.eldir.evolution.run_folders import contents, go_on
@@ -39,14 +38,14 @@ def test_no_offspring_exceeds_a_constraint(crossover):
             robot = build(body)
             assert 1 <= body.motors <= 2
             assert static_margin(robot) >= 0.01
-            assert freedoms(robot.positions, robot.springs) == 0
-            assert freedoms(robot.positions, robot.springs[~robot.active]) > 0
+            assert count_mechanisms(robot.positions, robot.springs) == 0
+            assert count_mechanisms(robot.positions, robot.springs[~robot.active]) > 0
         search.tell(robots, evaluate(robots, config))
 
 
 def test_without_the_constraint_such_bodies_are_born():
     bodies = Search(changed(population=60)).ask().morphologies(SMALL.lattice)
-    assert any(freedoms(b.positions, b.springs) for b in bodies)
+    assert any(count_mechanisms(b.positions, b.springs) for b in bodies)
 
 
 class Heirs(Counting):
@@ -90,7 +89,9 @@ def test_offspring_start_from_the_weights_of_their_parent(tmp_path):
 @pytest.mark.parametrize("optimiser", ["steps", "adam"])
 def test_a_run_with_heirs_goes_on_with_the_same_bytes(tmp_path, optimiser):
     scene = Scene.preset("paper").replace(steps=30, window=10).to_json()
-    config = changed(inherit=True, scene=scene, training=Training(optimiser, 0.2).to_json(), generations=2)
+    config = changed(
+        inherit=True, scene=scene, training=TrainingConfig(optimiser, 0.2).to_json(), generations=2
+    )
     whole = RunFolder.create(tmp_path / "whole", config)
     run_generations(whole, whole.restore(), LocalTrainer())
     parts = RunFolder.create(tmp_path / "parts", config)

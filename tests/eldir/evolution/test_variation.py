@@ -10,9 +10,9 @@ from eldir.evolution.variation import (
     align,
     cross_bodies,
     cross_springs,
+    make_offspring,
     mutate_bodies,
     mutate_springs,
-    offspring,
 )
 from eldir.genotype import component_count, random_genotypes, repair_bodies, repair_springs, stack
 from eldir.lattice import Lattice
@@ -38,7 +38,7 @@ def test_offspring_can_be_built(lattice, seed, crossover, max_active):
     rng = np.random.default_rng(seed)
     progenitors = random_genotypes(lattice, 6, rng, max_active)
     before = [(g.triangles.copy(), g.springs.copy()) for g in progenitors]
-    children, parents = offspring(lattice, progenitors, rng, crossover, max_active)
+    children, parents = make_offspring(lattice, progenitors, rng, crossover, max_active)
     assert len(children) == 6
     for child, (one, other) in zip(children, parents, strict=True):
         robot = develop(lattice, child)  # raises where unfilled, empty or in pieces
@@ -118,7 +118,7 @@ def test_crossing_keeps_the_expected_share(method):
 
 def test_four_fifths_are_crossed_and_pairs_have_two_offspring():
     lattice, rng = Lattice(3, 4), np.random.default_rng(7)
-    _, parents = offspring(lattice, random_genotypes(lattice, 1000, rng), rng, "joint")
+    _, parents = make_offspring(lattice, random_genotypes(lattice, 1000, rng), rng, "joint")
     crossed = parents[parents[:, 0] != parents[:, 1]]
     assert len(crossed) / 1000 == pytest.approx(0.8, abs=4 * 0.4 / np.sqrt(1000))
     assert np.array_equal(crossed[0::2][: len(crossed) // 2], crossed[1::2])
@@ -128,7 +128,7 @@ def test_nobody_is_crossed_with_itself():
     """Among three, a partner drawn from all of them would be oneself every third time."""
     lattice, rng = Lattice(3, 4), np.random.default_rng(8)
     few = random_genotypes(lattice, 3, rng)
-    parents = np.concatenate([offspring(lattice, few, rng, "distinct")[1] for _ in range(200)])
+    parents = np.concatenate([make_offspring(lattice, few, rng, "distinct")[1] for _ in range(200)])
     share = (parents[:, 0] != parents[:, 1]).mean()
     assert share == pytest.approx(0.8, abs=4 * 0.4 / np.sqrt(600))
 
@@ -136,8 +136,8 @@ def test_nobody_is_crossed_with_itself():
 def test_the_same_generator_gives_the_same_offspring():
     lattice = Lattice()
     progenitors = random_genotypes(lattice, 20, np.random.default_rng(0))
-    first = offspring(lattice, progenitors, np.random.default_rng(1), "distinct", 2)
-    again = offspring(lattice, progenitors, np.random.default_rng(1), "distinct", 2)
+    first = make_offspring(lattice, progenitors, np.random.default_rng(1), "distinct", 2)
+    again = make_offspring(lattice, progenitors, np.random.default_rng(1), "distinct", 2)
     assert first[0] == again[0]
     assert np.array_equal(first[1], again[1])
 
@@ -145,4 +145,4 @@ def test_the_same_generator_gives_the_same_offspring():
 def test_unknown_crossover_is_named():
     lattice, rng = Lattice(3, 4), np.random.default_rng(0)
     with raises(InputError, "input.unknown-name", "crossover"):
-        offspring(lattice, random_genotypes(lattice, 2, rng), rng, "uniform")
+        make_offspring(lattice, random_genotypes(lattice, 2, rng), rng, "uniform")

@@ -9,7 +9,7 @@ from eldir.errors import InputError
 from eldir.evolution.run_folder import RunFolder
 from eldir.evolution.search import EvolutionConfig
 from eldir.scene import TRAINING_FIELDS, Scene
-from eldir.training.configuration import Training
+from eldir.training.configuration import TrainingConfig
 from eldir.training.randomisation import Randomisation
 from tests.paths import DATA, SCHEMAS
 from tests.raised import raises
@@ -19,11 +19,11 @@ SCHEMA = json.loads((SCHEMAS / "run.schema.json").read_text())
 
 
 def test_defaults_are_the_papers_and_those_of_the_preset():
-    assert Training() == Training("steps", 0.2, 0.5) == Training.of(Scene())
-    assert Training("adam").update_length == 2.0
-    assert Training.of(Scene.preset("released-rss")) == Training()
+    assert TrainingConfig() == TrainingConfig("steps", 0.2, 0.5) == TrainingConfig.of(Scene())
+    assert TrainingConfig("adam").update_length == 2.0
+    assert TrainingConfig.of(Scene.preset("released-rss")) == TrainingConfig()
     released = Scene.preset("released-main").replace(steps=10)
-    assert Training.of(released) == Training(jump_threshold=1.0)
+    assert TrainingConfig.of(released) == TrainingConfig(jump_threshold=1.0)
     assert EvolutionConfig(scene=released).training.jump_threshold == 1.0
 
 
@@ -38,19 +38,19 @@ def test_defaults_are_the_papers_and_those_of_the_preset():
 )
 def test_wrong_values_are_named(name, value, expected):
     with raises(InputError, "training.wrong-value", name, match=f"expected .*{expected}.*found"):
-        Training(**{name: value})
+        TrainingConfig(**{name: value})
 
 
 @pytest.mark.parametrize("name", sorted(TRAINING_FIELDS))
 def test_a_scene_names_the_new_place_of_what_it_held(name):
-    with raises(InputError, "scene.training-field", match=rf"Training\({name}"):
+    with raises(InputError, "scene.training-field", match=rf"TrainingConfig\({name}"):
         Scene().replace(**{name: 1.0})
 
 
 def test_a_run_of_an_older_version_means_the_same():
     values = json.loads((OLD / "run.json").read_text())
     config = RunFolder.open(OLD).config
-    assert config.training == Training("adam", 2.0, 0.5)
+    assert config.training == TrainingConfig("adam", 2.0, 0.5)
     assert config.randomisation == Randomisation.unfilmed()
     assert config.scene == Scene()
     jsonschema.validate(values | {"config": config.to_json()}, SCHEMA)
@@ -60,4 +60,4 @@ def test_a_run_of_an_older_version_means_the_same():
         del older["scene"][name]
     del older["doubt"]
     config = EvolutionConfig.from_json(older)
-    assert config.training == Training("steps", 2.0, 0.3) and config.randomisation is None
+    assert config.training == TrainingConfig("steps", 2.0, 0.3) and config.randomisation is None

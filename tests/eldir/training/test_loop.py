@@ -8,14 +8,13 @@ from eldir.learning import learn, learning_paths
 from eldir.physics import Physics
 from eldir.rollout import simulate
 from eldir.scene import Scene
-from eldir.training.configuration import Adam, FixedLength, Training
-from eldir.training.initial import initial_controllers
-from eldir.training.loop import descend, in_kernel, train
+from eldir.training.configuration import Adam, FixedLength, TrainingConfig
+from eldir.training.loop import descend, initial_controllers, train, train_in_kernel
 from tests.eldir.engine.random_robots import SMALL, robots
 from tests.raised import raises
 
 PAPER = Scene.preset("paper").replace(steps=80)
-STEPS = Training("steps")
+STEPS = TrainingConfig("steps")
 
 
 @pytest.mark.parametrize("rule", [FixedLength(0.3, 4), Adam(0.3, 4)])
@@ -39,7 +38,7 @@ def test_the_fast_path_is_the_loop(precision, within, updates, contact):
     scene = PAPER.replace(precision=precision, contact=contact)
     bodies, brains = robots(SMALL, 4, 5, scene)
     owns = [Physics.of(b, scene).replace(stiffness=2.5e4) for b in bodies]
-    fast = in_kernel(bodies, brains, owns, scene, STEPS, updates)
+    fast = train_in_kernel(bodies, brains, owns, scene, STEPS, updates)
     loop = descend(bodies, brains, scene, STEPS, updates, lambda r, k: [owns[r]])
     assert np.abs(fast.losses - loop.losses).max() < within
     assert np.ptp(fast.losses, axis=1).min() > 50 * within, "the robots learned something"
@@ -56,7 +55,7 @@ def test_a_robot_that_blows_up_keeps_its_first_weights_and_learns_no_more(optimi
     owns = [Physics.of(b, PAPER) for b in bodies]
     owns[1] = owns[1].replace(stiffness=1e9)
     visited = []
-    training = Training(optimiser)
+    training = TrainingConfig(optimiser)
     found = descend(
         bodies, brains, PAPER.replace(large_step="run"), training, 3,
         lambda r, k: [owns[r]], lambda k, r, controller: visited.append((k, r)),
@@ -85,7 +84,7 @@ def test_a_mean_over_physics_is_the_loss_and_the_status_is_the_first_failure():
 
 @pytest.mark.parametrize("optimiser", ["steps", "adam"])
 def test_the_paths_of_learning_are_the_rollouts_of_its_losses(optimiser):
-    scene, training = PAPER.replace(precision="f64"), Training(optimiser)
+    scene, training = PAPER.replace(precision="f64"), TrainingConfig(optimiser)
     bodies, _ = robots(SMALL, 1, 6, scene)
     paths = learning_paths(bodies[0], scene, 3, [5], 20, training)
     losses = learn(bodies, scene, 3, [5], training=training).losses[0]
@@ -98,4 +97,4 @@ def test_the_paths_of_learning_are_the_rollouts_of_its_losses(optimiser):
 def test_a_step_too_large_for_all_robots_is_told():
     bodies, _ = robots(SMALL, 2, 5, PAPER)
     with raises(EldirError, "scene.large-step"):
-        learn(bodies, PAPER.replace(dt=1.0), 1, training=Training("adam"))
+        learn(bodies, PAPER.replace(dt=1.0), 1, training=TrainingConfig("adam"))

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from eldir.built.samples import IdentifiedRobots
-from eldir.built.scene import BuiltScene
+from eldir.built.scene import PrintedScene
+from eldir.defaults import Optimiser
 from eldir.errors import InputError
 from eldir.evolution.loop import LocalTrainer, run_generations
 from eldir.evolution.run_folder import RunFolder
@@ -20,21 +21,20 @@ from eldir.parameters.uncertain import PARAMETERS
 from eldir.physics import Physics
 from eldir.rollout import simulate
 from eldir.scene import Scene
-from eldir.training.configuration import Training
-from eldir.training.defaults import Optimiser
-from eldir.training.randomisation import DRAWN, Randomisation
+from eldir.training.configuration import TrainingConfig
+from eldir.training.randomisation import RANDOMISED, Randomisation
 from tests.eldir.engine.random_robots import SMALL, robots
 from tests.raised import raises
 
 SCENE = Scene.preset("paper").replace(contact="friction", steps=60)
 NOMINAL = RobotParameters()
-SURE = Randomisation(np.zeros(4), np.zeros((4, 4)), 0.0, draws=2)
+SURE = Randomisation(np.zeros(4), np.zeros((4, 4)), 0.0, samples=2)
 """Every robot drawn is the scene's, but for the coefficient of friction, which is 1: the paper's."""
 
 
 @pytest.mark.parametrize("optimiser", ["steps", "adam"])
 def test_randomisation_without_spread_is_plain_learning(optimiser: Optimiser) -> None:
-    training, scene = Training(optimiser), SCENE.replace(precision="f64")
+    training, scene = TrainingConfig(optimiser), SCENE.replace(precision="f64")
     bodies, _ = robots(SMALL, 3, 5, scene)
     for seeds in ([7, 8, 9], 4):
         plain = learn(bodies, scene, 3, seeds, training=training)
@@ -51,7 +51,7 @@ def test_losses_are_means_over_the_robots_drawn() -> None:
     initial = initial_controllers(bodies, scene, [3, 4])
     found = learn(bodies, scene, 1, [3, 4], randomisation=drawn)
     for body, brain, seed, losses in zip(bodies, initial, [3, 4], found.losses, strict=True):
-        owns = drawn.draws_of(body, scene, seed, 0)
+        owns = drawn.sample_update(body, scene, seed, 0)
         alone = simulate([body] * len(owns), [brain] * len(owns), scene, owns)
         assert losses[0] == pytest.approx(np.mean([r.loss for r in alone]), abs=1e-12)
         assert np.std([r.loss for r in alone]) > 1e-5, "robots that are drawn differ"
@@ -72,10 +72,10 @@ def test_draws_are_as_the_scene_says() -> None:
     """Moments of many draws, against robots drawn from the scene itself."""
     turns = {"friction": 1.0, "tension": -1.0, "cold_stiffness": 0.5, "hot_stiffness": 0.5, "weight": 1.0}
     robot = NOMINAL.at(tuple(turns), list(turns.values()))
-    scene = BuiltScene.of(robot, tuple(PARAMETERS), 0.1 * np.eye(len(PARAMETERS)))
+    scene = PrintedScene.of(robot, tuple(PARAMETERS), 0.1 * np.eye(len(PARAMETERS)))
     drawn_from = Randomisation.of(scene)
     body = robots(SMALL, 1, 4, SCENE)[0][0]
-    drawn = [drawn_from.draw(body, SCENE, np.random.default_rng(i)) for i in range(2000)]
+    drawn = [drawn_from.sample(body, SCENE, np.random.default_rng(i)) for i in range(2000)]
     around = IdentifiedRobots(body, robot, parameters=scene.parameters, covariance=scene.covariance)
     real = [around.sample(np.random.default_rng(i)).printed for i in range(2000)]
     motor, strip = np.flatnonzero(body.active)[0], np.flatnonzero(~body.active)[0]
@@ -92,14 +92,14 @@ def test_draws_are_as_the_scene_says() -> None:
         ),
         "damping": ([p.damping / SCENE.damping for p in drawn], [b.drag for b in real]),
     }
-    assert set(pairs) == set(DRAWN)
+    assert set(pairs) == set(RANDOMISED)
     for name, (ours, theirs) in pairs.items():
         a, b = np.log(ours), np.log(theirs)
         assert a.mean() == pytest.approx(b.mean(), abs=4 * b.std() / np.sqrt(len(b)) + 1e-6), name
         assert a.std() == pytest.approx(b.std(), rel=0.06), name
     lengths = np.array([p.rest_lengths / body.rest_lengths for p in drawn])
     assert lengths[:, strip].std() == pytest.approx(0.3 / 57, rel=0.06) and (lengths[:, motor] == 1).all()
-    gripping = drawn_from.draw(body, SCENE.replace(contact="no-slip"), np.random.default_rng(0))
+    gripping = drawn_from.sample(body, SCENE.replace(contact="no-slip"), np.random.default_rng(0))
     assert gripping.friction == 1
 
 

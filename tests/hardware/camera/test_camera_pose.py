@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from eldir_hardware.camera.plane import FieldOfView, Plane
-from eldir_hardware.camera.pose import camera_pose, quaternion
-from eldir_hardware.camera.tags import calibrate_plane
+from eldir_hardware.camera.plane import FieldOfView, Plane, estimate_camera_pose, to_quaternion
+from eldir_hardware.camera.plane_fit import calibrate_plane
 from eldir_hardware.vision.virtual_camera import VirtualCamera
 
 SIZE, FOCAL = (640, 480), 850.0
@@ -40,7 +39,7 @@ def test_the_pose_of_a_camera_is_that_which_made_the_plane(angles):
     homography = np.linalg.svd(np.array(rows))[2][-1].reshape(3, 3)
     for sign in (1.0, -1.0):
         plane = Plane(*SIZE, sign * homography, CENTRE, np.zeros(2), 0.0)
-        pose = camera_pose(plane, FOCAL)
+        pose = estimate_camera_pose(plane, FOCAL)
         np.testing.assert_allclose(pose.position, position, atol=1e-9)
         np.testing.assert_allclose(pose.rotation, rotation, atol=1e-9)
 
@@ -51,8 +50,8 @@ def test_the_pose_found_from_pictures_is_that_of_the_virtual_camera():
     nothing = np.zeros((0, 2), int)
     pictures = [camera.render(np.full((1, 2), 9.0), nothing, np.zeros(0, int)) for _ in range(5)]
     focal = float(camera.lens.focal_px.mean())
-    found = camera_pose(calibrate_plane(pictures, camera.board, lens=camera.lens), focal)
-    true = camera_pose(camera._secrets.lens, focal)
+    found = estimate_camera_pose(calibrate_plane(pictures, camera.board, lens=camera.lens), focal)
+    true = estimate_camera_pose(camera.plane, focal)
     assert -3.0 < true.position[1] < -0.3, "in front of the plane: y points away from the camera"
     np.testing.assert_allclose(found.position, true.position, atol=0.01)
     assert np.degrees(np.arccos((np.trace(found.rotation.T @ true.rotation) - 1) / 2)) < 0.6
@@ -63,6 +62,6 @@ def test_the_pose_found_from_pictures_is_that_of_the_virtual_camera():
 )
 def test_a_quaternion_is_its_rotation(angles):
     rotation = Rotation.from_euler("xyz", angles, degrees=True)
-    q = quaternion(rotation.as_matrix())
+    q = to_quaternion(rotation.as_matrix())
     np.testing.assert_allclose(Rotation.from_quat(q).as_matrix(), rotation.as_matrix(), atol=1e-12)
     assert np.linalg.norm(q) == pytest.approx(1.0) and q[3] >= 0

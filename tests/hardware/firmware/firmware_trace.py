@@ -10,9 +10,8 @@ import sys
 
 sys.path.insert(0, sys.argv[1])
 
-from channel_limits import POWER_UP, ChannelLimits
-from modulation import Modulation
-from protocol import Conversation
+from channel_limits import POWER_UP, ChannelLimits, Modulation
+from protocol import RequestHandler
 
 settings, limits, conversation, modulation = (), None, None, None
 with open(sys.argv[2]) as trace:
@@ -22,9 +21,15 @@ with open(sys.argv[2]) as trace:
         if event == "!":
             channels, longest, duty, heartbeat, steady, token = [int(word) for word in words[2:]]
             limits = ChannelLimits(channels, longest, duty, heartbeat, (steady,), tick, POWER_UP)
-            conversation, modulation = Conversation(limits, token), Modulation(channels, 100, tick)
+            conversation, modulation = RequestHandler(limits, token), Modulation(channels, 100, tick)
         elif event == "-":
             limits.step(tick)
         else:
             answer = conversation.answer(binascii.unhexlify(event[1:]), tick)
-        print(answer, limits.power, limits.why_off, modulation.gates(limits.power, tick), limits.due_ms())
+        print(
+            answer,
+            limits.power,
+            limits.off_reason,
+            modulation.update(limits.power, tick),
+            limits.next_event_ms(),
+        )

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from hypothesis import strategies as st
 
 from eldir_hardware.firmware.channel_limits import POWER_UP, ChannelLimits
-from eldir_hardware.firmware.protocol import Conversation
+from eldir_hardware.firmware.protocol import RequestHandler
 
 WRAP = 1 << 30
 CHANNELS, LONGEST_MS, DUTY, HEARTBEAT_MS, STEADY = 3, 2000, 40, 400, (3,)
@@ -61,7 +61,7 @@ class Board:
         self.token += 1
         self.lines.append((self.tick, b"!"))
         self.limits = ChannelLimits(CHANNELS, LONGEST_MS, DUTY, HEARTBEAT_MS, STEADY, self.tick, POWER_UP)
-        self.conversation = Conversation(self.limits, self.token)
+        self.conversation = RequestHandler(self.limits, self.token)
 
     def wait(self, ms: int, step_ms: int = MOST_STEP_MS) -> None:
         while ms > 0:

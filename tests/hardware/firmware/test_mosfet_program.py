@@ -126,12 +126,12 @@ def test_the_driver_talks_with_the_program(tmp_path: Path) -> None:
         assert bench.events("watchdog")[0]["watchdog"] < 500
         assert [bench.level(pin) for pin in range(8)] == [0] * 8
         board = MosfetBoard(bench.port, 8, WallClock())
-        assert board.states() == (False,) * 8
+        assert board.read_states() == (False,) * 8
         time.sleep(0.3)  # just powered: the springs may be hot
         board.send({1: True}, {1: 0.1})
         assert wait(lambda: bench.level(0) == 1, 1.0)
         assert wait(lambda: bench.level(0) == 0, 1.0), "by itself"
-        assert board.channel_state(1).why_off == "its time was over"
+        assert board.channel_state(1).off_reason == "its time had ended"
         board.switch({1: False, 8: False})
         board.hold({2: 0.3}, 5.0)
         spoken = time.monotonic()
@@ -146,8 +146,8 @@ def test_the_driver_talks_with_the_program(tmp_path: Path) -> None:
         assert 3 <= len(rises) <= 5, "four periods of 0.1 s until the host counts as lost"
         assert falls[-1] - rises[0] < 800 and time.monotonic() - spoken > 0.4
         again = MosfetBoard(bench.port, 8, WallClock())
-        with pytest.raises(ContactError, match="no command came for too long"):
-            again._begun = True  # as the old host would go on
+        with pytest.raises(ContactError, match="it received no command for too long"):
+            again._session_open = True  # as the old host would go on
             again.send({2: True}, {2: 0.1})
         again.close()
 
@@ -159,7 +159,7 @@ def test_bytes_of_any_kind_do_not_end_it(tmp_path: Path) -> None:
         board = MosfetBoard(bench.port, 8, WallClock())
         board._line.write(bytes(range(256)) * 3 + b"\n" + b"\x03\x03\x04")
         time.sleep(0.2)
-        assert board.states() == (False,) * 8
+        assert board.read_states() == (False,) * 8
         assert bench.process.poll() is None
         assert [e["interrupted_by"] for e in bench.events("interrupted_by")] == [-1], "by no byte"
         board.close()
@@ -169,7 +169,7 @@ def test_an_error_pulls_every_gate_down_and_starves_the_watchdog(tmp_path: Path)
     with running(tmp_path) as bench:
         assert wait(lambda: bool(bench.events("fed")))
         board = MosfetBoard(bench.port, 8, WallClock())
-        board._begin()
+        board._open_session()
         time.sleep(0.3)
         board.send({2: True}, {2: 2.0})
         assert wait(lambda: bench.level(1) == 1, 1.0)
@@ -187,7 +187,7 @@ def test_a_watchdog_reset_is_told(tmp_path: Path) -> None:
     with running(tmp_path, cause=3) as bench:
         assert wait(lambda: bool(bench.events("fed")))
         board = MosfetBoard(bench.port, 8, WallClock())
-        board.states()
+        board.read_states()
         assert board._tripped == "W"
         board.close()
 

@@ -14,8 +14,7 @@ from pathlib import Path
 import pytest
 
 from eldir_hardware.clock import WallClock
-from eldir_hardware.sensor.driver import CurrentSensor
-from eldir_hardware.sensor.errors import SensorError
+from eldir_hardware.current_sensor import CurrentSensor, SensorError
 from tests.paths import ROOT
 
 FIRMWARE = ROOT / "hardware" / "eldir_hardware" / "firmware"
@@ -53,7 +52,7 @@ def port(tmp_path):
     for end in (host, guest):
         tty.setraw(end)
     program = subprocess.Popen(
-        [interpreter, str(FIRMWARE / "sensor_main.py")],
+        [interpreter, str(FIRMWARE / "current_sensor.py")],
         stdin=host,
         stdout=host,
         env={"MICROPYPATH": f"{tmp_path}:{FIRMWARE}"},

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from eldir_hardware.guardian.bank import Report
-from eldir_hardware.guardian.pulse_controller import PulseController
+from eldir_hardware.guardian.pulse_controller import Host, PulseController
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.virtual.rig import VirtualRig
 from tests.hardware.rigs_and_schedules import rig_with
@@ -24,7 +24,9 @@ def rig_of(kind: str = "lcus", cutoff: dict | None = None, **changes: object) ->
 def controlled(rig: Rig, slept=lambda: 0.0) -> Iterator[tuple[VirtualRig, PulseController, list[Report]]]:
     seen: list[Report] = []
     with VirtualRig(rig, Piston()) as virtual:
-        yield virtual, PulseController(virtual.board, rig, virtual.clock, seen.append, slept), seen
+        bank = PulseController(virtual.board, rig, virtual.clock, host=Host(slept))
+        bank.on_report = seen.append
+        yield virtual, bank, seen
 
 
 def ignore(report: Report) -> None:
@@ -32,7 +34,7 @@ def ignore(report: Report) -> None:
 
 
 def edges(virtual: VirtualRig, channel: int) -> list[tuple[float, bool]]:
-    return [(e.t, e.closed) for e in virtual.emulator.edges if e.channel == channel]
+    return [(e.t, e.closed) for e in virtual.emulator.contact_events if e.channel == channel]
 
 
 def step_until(virtual: VirtualRig, bank: PulseController, t: float) -> None:

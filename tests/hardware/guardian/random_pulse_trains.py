@@ -7,7 +7,7 @@ import numpy as np
 
 from eldir.errors import EldirError
 from eldir_hardware.guardian.pulse_controller import PulseController
-from eldir_hardware.safety.limits import STEP
+from eldir_hardware.safety.limits import TIMER_STEP
 from eldir_hardware.virtual.rig import VirtualRig
 from tests.hardware.rigs_and_schedules import rig_with
 from tests.hardware.virtual.piston_and_observer import Piston
@@ -63,9 +63,9 @@ def play_random_train(seed: int) -> Train:
         virtual.clock.sleep_until(virtual.clock.now() + 2.0)
         virtual.frame(virtual.clock.now())
         assert not any(virtual.emulator.contacts)
-        assert virtual.springs.peak < 90.0
-        too_long = _judge(virtual.emulator.edges, longest, rest, round(budget / 4.0))
-    return Train(ended, too_long, virtual.springs.peak)
+        assert virtual.springs.max_temperature_c < 90.0
+        too_long = _judge(virtual.emulator.contact_events, longest, rest, round(budget / 4.0))
+    return Train(ended, too_long, virtual.springs.max_temperature_c)
 
 
 def _judge(edges, longest: float, rest: float, together: int) -> float:
@@ -77,9 +77,9 @@ def _judge(edges, longest: float, rest: float, together: int) -> float:
         for (a, closed), (b, _) in pairwise(times):
             if closed:
                 most = max(most, b - a - longest)
-                assert most <= STEP + CONTACT, f"on for {b - a:.3f} s"
+                assert most <= TIMER_STEP + CONTACT, f"on for {b - a:.3f} s"
             else:
-                assert b - a >= rest - STEP - CONTACT, f"off for {b - a:.3f} s only"
+                assert b - a >= rest - TIMER_STEP - CONTACT, f"off for {b - a:.3f} s only"
     closed = 0
     for edge in sorted(edges, key=lambda e: (e.t, e.closed)):
         closed += 1 if edge.closed else -1

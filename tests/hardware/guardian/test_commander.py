@@ -1,25 +1,25 @@
 """Who may heat, and which contacts switched: what a node decides by the toolkit's values."""
 
-from eldir_hardware.guardian.commander import PATIENCE, Commander
-from eldir_hardware.run.contact_edges import ContactEdge, ContactEdges
+from eldir_hardware.guardian.bank import PATIENCE, Commander
+from eldir_hardware.run.player import ContactEdge, ContactEdges
 
 
 def test_one_run_heats_at_a_time():
     commander = Commander()
-    assert commander.accepts("a") and commander.lost_for(1e9) is None
-    commander.hear("a", 10.0)
+    assert commander.accepts("a") and commander.silence_if_lost(1e9) is None
+    commander.record_command("a", 10.0)
     assert commander.accepts("a") and not commander.accepts("b")
     commander.release()
-    assert commander.accepts("b") and commander.lost_for(1e9) is None
+    assert commander.accepts("b") and commander.silence_if_lost(1e9) is None
 
 
 def test_a_commander_that_is_not_heard_is_lost():
     commander = Commander()
-    commander.hear("a", 10.0)
-    assert commander.lost_for(10.0 + PATIENCE - 0.01) is None
-    assert commander.lost_for(10.0 + PATIENCE + 0.01) is not None
-    commander.hear("a", 10.5)
-    assert commander.lost_for(10.0 + PATIENCE + 0.01) is None
+    commander.record_command("a", 10.0)
+    assert commander.silence_if_lost(10.0 + PATIENCE - 0.01) is None
+    assert commander.silence_if_lost(10.0 + PATIENCE + 0.01) is not None
+    commander.record_command("a", 10.5)
+    assert commander.silence_if_lost(10.0 + PATIENCE + 0.01) is None
 
 
 def test_edges_are_what_changed_between_reports():

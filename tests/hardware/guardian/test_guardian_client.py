@@ -12,26 +12,25 @@ import pytest
 
 from eldir.errors import EldirError, InputError
 from eldir_hardware.guardian import client
+from eldir_hardware.guardian._connection import Connection, clean_environment, guardian_command
 from eldir_hardware.guardian.bank import Report
 from eldir_hardware.guardian.client import Guardian
-from eldir_hardware.guardian.isolation import clean_environment, guardian_command
 from eldir_hardware.guardian.measured_heat import CurrentFlowsError
-from eldir_hardware.guardian.wire import Wire
 from eldir_hardware.relay.errors import ContactError, NotProvenOffError, PortError
-from eldir_hardware.relay.off_frames import off_frames
 from eldir_hardware.rig.board_identity import identify
 from eldir_hardware.rig.supply import LimitError
-from eldir_hardware.safety.latch import latch, record_of, stop_of
+from eldir_hardware.safety.latch import find_record, latch, read_stop
+from eldir_hardware.safety.off_frames import off_frames
 from eldir_hardware.safety.stop_signals import StoppedError
 from tests.hardware.rigs_and_schedules import rig_with
 from tests.raised import raises
 
 PORT = "/dev/null"  # it exists, and nothing opens it here
 RIG = rig_with(board={"port": PORT})
-READY = {"is": "ready", "process": 4321, "device": identify(PORT).values(), "sensor": None}
-ARMED = {"is": "armed", "rested_at": 990.0}
-STOPPED = {"is": "stopped", "why": "a key; all open", "kind": "StoppedError", "proof": "all open"}
-NOT_PROVEN = {"is": "stopped", "why": "not proven", "kind": "NotProvenOffError", "proof": None}
+READY = {"event": "ready", "process": 4321, "device": identify(PORT).to_json(), "sensor": None}
+ARMED = {"event": "armed", "ready_at": 990.0}
+STOPPED = {"event": "stopped", "reason": "a key; all open", "kind": "StoppedError", "proof": "all open"}
+NOT_PROVEN = {"event": "stopped", "reason": "not proven", "kind": "NotProvenOffError", "proof": None}
 
 
 class Time:
@@ -69,7 +68,7 @@ class Child:
         self.done: list[object] = []
         self.hangs = False
         (handle,) = options["pass_fds"]
-        self.wire = Wire(socket.socket(fileno=os.dup(handle)))
+        self.wire = Connection(socket.socket(fileno=os.dup(handle)))
         self.made.append(self)
         for answer in self.first or ():
             self.wire.send(**answer)
@@ -124,14 +123,14 @@ def desk(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     desk = Desk()
     popen = type("Popen", (Child,), {"first": [READY], "made": []})
-    wires: list[Wire] = []
+    wires: list[Connection] = []
 
-    class KeptWire(Wire):
+    class KeptConnection(Connection):
         def __init__(self, end: socket.socket) -> None:
             super().__init__(end)
             wires.append(self)
 
-    monkeypatch.setattr(client, "Wire", KeptWire)
+    monkeypatch.setattr(client, "Connection", KeptConnection)
     monkeypatch.setattr(client, "time", desk.time)
     monkeypatch.setattr(client, "select", desk.time)
     monkeypatch.setattr(
@@ -150,14 +149,14 @@ def desk(tmp_path, monkeypatch):
 def opened(**changes: object) -> tuple[Guardian, Child]:
     guardian = Guardian(rig_with(board={"port": PORT}, **changes))
     guardian.open()
-    return guardian, guardian._child
+    return guardian, guardian._process
 
 
 def armed() -> tuple[Guardian, Child]:
     guardian, child = opened()
     child.wire.send(**ARMED)
     guardian.arm()
-    assert guardian.rested_at == 990.0
+    assert guardian.ready_at == 990.0
     child.heard()
     return guardian, child
 
@@ -181,7 +180,7 @@ def test_how_the_process_is_started(desk):
     assert first == {
         "rig": guardian._rig.to_json(),
         "port": PORT,
-        "named": PORT,
+        "given_name": PORT,
         "sensor_port": "/dev/sensor",
     }
     assert guardian.process == 4321
@@ -199,7 +198,7 @@ def test_how_the_process_is_started(desk):
 def test_the_ports_that_it_is_told(desk, given, sent):
     guardian = Guardian(RIG, **given)
     guardian.open()
-    message = guardian._child.heard()[0]
+    message = guardian._process.heard()[0]
     assert (message["port"], message["sensor_port"]) == sent
 
 
@@ -225,7 +224,7 @@ def test_only_the_process_holds_its_end(desk):
     guardian, child = opened()
     child.wire.close()
     with raises(EldirError, "guardian.not-armed", match="see its message above"):
-        guardian.beat(ignore)
+        guardian.keep_alive(ignore)
     assert child.done == [("wait", 2.0)]
     guardian.stop("later")
 
@@ -235,17 +234,21 @@ def test_one_that_the_kernel_holds_before_it_is_armed_is_not_waited_for(desk):
     child.wire.close()
     child.hangs = True
     with raises(EldirError, "guardian.not-armed"):
-        guardian.beat(ignore)
+        guardian.keep_alive(ignore)
     assert child.done == [("wait", 2.0)]
 
 
 def test_a_start_that_fails_leaves_no_process(desk):
-    desk.popen.first = [{"is": "stopped", "why": "cannot open the port", "kind": "PortError", "proof": None}]
+    desk.popen.first = [
+        {"event": "stopped", "reason": "cannot open the port", "kind": "PortError", "proof": None}
+    ]
     guardian = Guardian(RIG)
     with pytest.raises(PortError, match="cannot open the port"):
         guardian.open()
-    assert guardian._child.heard()[-1] == {"do": "end"} and guardian._child.done == [("wait", 2.0)]
-    assert guardian._child.wire.receive() is None
+    assert guardian._process.heard()[-1] == {"command": "end_session"} and guardian._process.done == [
+        ("wait", 2.0)
+    ]
+    assert guardian._process.wire.receive() is None
 
 
 def test_a_process_that_dies_at_once(desk):
@@ -262,7 +265,7 @@ def test_a_start_that_takes_too_long(desk):
         guardian.open()
     assert desk.time.now == pytest.approx(1020.0)
     assert max(desk.time.waits) == 0.1, "it goes on beating"
-    beats = [m for m in guardian._child.heard() if m == {"do": "beat"}]
+    beats = [m for m in guardian._process.heard() if m == {"command": "keepalive"}]
     assert 199 <= len(beats) <= 201
 
 
@@ -270,7 +273,7 @@ def test_the_end(desk):
     guardian, child = opened()
     child.heard()
     guardian.close()
-    assert child.heard() == [{"do": "end"}] and child.done == [("wait", 10.0)]
+    assert child.heard() == [{"command": "end_session"}] and child.done == [("wait", 10.0)]
     assert child.wire.receive() is None, "its wire is closed"
 
 
@@ -287,32 +290,35 @@ def test_orders(desk):
     guardian, child = armed()
     guardian.heat(1.5, {1: 2.0})
     guardian.abort_pulses()
-    assert child.heard() == [{"do": "heat", "at": 1.5, "for": {"1": 2.0}}, {"do": "abort_pulses"}]
-    child.wire.send(**{"is": "off"})
+    assert child.heard() == [
+        {"command": "heat", "at": 1.5, "durations": {"1": 2.0}},
+        {"command": "abort_pulses"},
+    ]
+    child.wire.send(**{"event": "off"})
     guardian.disarm()
-    assert child.heard() == [{"do": "disarm"}]
+    assert child.heard() == [{"command": "disarm"}]
 
 
 def test_a_beat_passes_reports_and_refusals(desk):
     guardian, child = armed()
     seen: list[Report] = []
     report = Report(1.0, (True, False), (40.0,), 41.0, 0.01)
-    child.wire.send(**{"is": "report", "report": report})
-    child.wire.send(**{"is": "alive"})
-    guardian.beat(seen.append)
-    assert seen == [report] and child.heard() == [{"do": "beat"}]
-    child.wire.send(**{"is": "refused", "why": "too long", "code": "limit.long-pulse"})
+    child.wire.send(**{"event": "report", "report": report})
+    child.wire.send(**{"event": "acknowledged"})
+    guardian.keep_alive(seen.append)
+    assert seen == [report] and child.heard() == [{"command": "keepalive"}]
+    child.wire.send(**{"event": "refused", "reason": "too long", "code": "limit.long-pulse"})
     with raises(LimitError, "limit.long-pulse"):
-        guardian.beat(ignore)
+        guardian.keep_alive(ignore)
 
 
 def test_resting_beats_ten_times_a_second(desk):
     guardian, child = armed()
-    child.wire.send(**{"is": "alive"})
+    child.wire.send(**{"event": "acknowledged"})
     guardian.wait_until(desk.time.now + 0.45, ignore)
     assert desk.time.now == pytest.approx(1000.45)
     assert desk.time.waits == [pytest.approx(0.1)] * 4 + [pytest.approx(0.05)]
-    assert child.heard() == [{"do": "beat"}] * 6
+    assert child.heard() == [{"command": "keepalive"}] * 6
     guardian.wait_until(desk.time.now, ignore)
     assert len(desk.time.waits) == 5, "the instant itself is not waited for"
 
@@ -320,9 +326,9 @@ def test_resting_beats_ten_times_a_second(desk):
 @pytest.mark.parametrize("kind", ["ContactError", "NoSuchError"])
 def test_a_stop_of_the_guardian_is_raised(desk, kind):
     guardian, child = armed()
-    child.wire.send(**{"is": "stopped", "why": "channel 2", "kind": kind, "proof": None})
+    child.wire.send(**{"event": "stopped", "reason": "channel 2", "kind": kind, "proof": None})
     with pytest.raises(ContactError if kind == "ContactError" else EldirError, match="channel 2"):
-        guardian.beat(ignore)
+        guardian.keep_alive(ignore)
     child.heard()
     guardian.stop("later")
     assert child.heard() == [], "it has stopped already"
@@ -332,7 +338,7 @@ def test_a_stop_is_answered_by_its_reason(desk):
     guardian, child = armed()
     child.wire.send(**STOPPED)
     guardian.stop("a key")
-    assert child.heard()[0] == {"do": "stop", "why": "a key"} and guardian.proof == "all open"
+    assert child.heard()[0] == {"command": "stop", "reason": "a key"} and guardian.proof == "all open"
     guardian, child = armed()
     child.wire.send(**NOT_PROVEN)
     with pytest.raises(NotProvenOffError):
@@ -345,7 +351,7 @@ def test_refused_pulses_do_not_hide_how_a_stop_ended(desk, together):
     for answer in (STOPPED, NOT_PROVEN):
         guardian, child = armed()
         for number in range(3):
-            child.wire.send(**{"is": "refused", "why": f"pulse {number}"})
+            child.wire.send(**{"event": "refused", "reason": f"pulse {number}"})
         if together:
             child.wire.send(**answer)
         else:
@@ -359,11 +365,11 @@ def test_a_refusal_does_not_hide_reports_that_come_with_it(desk):
     guardian, child = armed()
     seen: list[Report] = []
     report = Report(1.0, (True, False), (40.0,), 41.0, 0.01)
-    child.wire.send(**{"is": "refused", "why": "too long", "code": "limit.long-pulse"})
-    child.wire.send(**{"is": "refused", "why": "too hot"})
-    child.wire.send(**{"is": "report", "report": report})
+    child.wire.send(**{"event": "refused", "reason": "too long", "code": "limit.long-pulse"})
+    child.wire.send(**{"event": "refused", "reason": "too hot"})
+    child.wire.send(**{"event": "report", "report": report})
     with raises(LimitError, "limit.long-pulse"):
-        guardian.beat(seen.append)
+        guardian.keep_alive(seen.append)
     assert seen == [report], "and the first refusal is told"
 
 
@@ -378,7 +384,7 @@ def test_a_signal_while_the_contacts_are_opened_from_here(desk, interrupt):
         child.wire.close()
         outcome = pytest.raises(type(interrupt) if proven else NotProvenOffError)
         with outcome as raised, guardian_armed_already(guardian):
-            guardian.beat(ignore)
+            guardian.keep_alive(ignore)
         assert desk.opens == ([PORT, "off", ("sensor", None)] if proven else [])
         if proven:
             assert raised.value.__notes__ == ["all contacts are open by the board's report"]
@@ -398,10 +404,10 @@ def test_a_killed_guardian_that_the_kernel_holds(desk):
     """It holds the port's lock too. The contacts are opened all the same, and nobody claims to know it."""
     ours, theirs = os.openpty()
     tty.setraw(theirs)
-    desk.popen.first = [READY | {"device": identify(os.ttyname(theirs)).values()}]
+    desk.popen.first = [READY | {"device": identify(os.ttyname(theirs)).to_json()}]
     guardian = Guardian(RIG, port=os.ttyname(theirs))
     guardian.open()
-    child = guardian._child
+    child = guardian._process
     child.wire.send(**ARMED)
     guardian.arm()
     child.hangs = True
@@ -422,7 +428,7 @@ def test_a_guardian_that_hangs(desk):
     assert 1000.6 < desk.time.now < 1000.75
     assert child.done == ["kill", ("wait", 2.0)]
     assert desk.opens == [PORT, "off", ("sensor", None)]
-    assert stop_of(PORT) == "the guardian hung"
+    assert read_stop(PORT) == "the guardian hung"
     child.heard()
     guardian.stop("later")
     assert child.heard() == [], "nobody hears it"
@@ -431,15 +437,15 @@ def test_a_guardian_that_hangs(desk):
 def test_a_guardian_that_answers_late_but_in_time(desk):
     guardian, child = armed()
     for t in (0.55, 1.1, 1.6):
-        desk.time.at[1000 + t] = lambda: child.wire.send(**{"is": "alive"})
+        desk.time.at[1000 + t] = lambda: child.wire.send(**{"event": "acknowledged"})
     guardian.wait_until(desk.time.now + 2.0, ignore)
     assert child.done == []
 
 
 def test_a_guardian_that_opens_the_contacts_may_take_longer(desk):
     guardian, child = armed()
-    desk.time.at[1000.5] = lambda: child.wire.send(**{"is": "opening"})
-    desk.time.at[1005.0] = lambda: child.wire.send(**{"is": "off"})
+    desk.time.at[1000.5] = lambda: child.wire.send(**{"event": "opening"})
+    desk.time.at[1005.0] = lambda: child.wire.send(**{"event": "off"})
     guardian.disarm()
     assert child.done == [] and desk.time.now >= 1005
     desk.time.now += 100
@@ -456,7 +462,7 @@ def test_a_guardian_that_hangs_before_it_opens_the_contacts(desk):
 
 def test_a_guardian_that_hangs_while_it_opens_the_contacts(desk):
     guardian, child = armed()
-    desk.time.at[1000.5] = lambda: child.wire.send(**{"is": "opening"})
+    desk.time.at[1000.5] = lambda: child.wire.send(**{"event": "opening"})
     with raises(EldirError, "guardian.gone", match="hung"):
         guardian.wait_until(desk.time.now + 60, ignore)
     assert 1010.9 < desk.time.now < 1011.3
@@ -467,21 +473,21 @@ def test_arming_that_is_not_answered(desk):
     with pytest.raises(NotProvenOffError, match="the guardian does not answer"):
         guardian.arm()
     assert desk.time.now == pytest.approx(1010.0)
-    assert child.heard()[1] == {"do": "arm"}
+    assert child.heard()[1] == {"command": "arm"}
 
 
 def test_a_program_that_stood_still_waits_once_more_and_only_once(desk):
     guardian, child = armed()
-    guardian.beat(ignore)
+    guardian.keep_alive(ignore)
     desk.time.now += 2.0
-    guardian.beat(ignore)
+    guardian.keep_alive(ignore)
     assert child.done == [], "its answers may be on their way"
     desk.time.now += 0.25
-    guardian.beat(ignore)
+    guardian.keep_alive(ignore)
     assert child.done == []
     desk.time.now += 0.1
     with raises(EldirError, "guardian.gone", match="hung"):
-        guardian.beat(ignore)
+        guardian.keep_alive(ignore)
 
 
 def test_a_guardian_that_has_died(desk):
@@ -493,9 +499,9 @@ def test_a_guardian_that_has_died(desk):
         "guardian.gone",
         match="died; all contacts are open by the board's report; no current flows",
     ):
-        guardian.beat(ignore)
-    assert child.done == [("wait", 2.0)] and stop_of(PORT) == "the guardian died"
-    assert record_of(PORT).opened is not None
+        guardian.keep_alive(ignore)
+    assert child.done == [("wait", 2.0)] and read_stop(PORT) == "the guardian died"
+    assert find_record(PORT).opened is not None
 
 
 def test_a_guardian_that_was_killed_by_rig_off(desk):
@@ -505,8 +511,8 @@ def test_a_guardian_that_was_killed_by_rig_off(desk):
     with raises(
         EldirError, "guardian.gone", match=r"died \(stopped by eldir rig off\); all contacts are open"
     ):
-        guardian.beat(ignore)
-    assert stop_of(PORT) == "stopped by eldir rig off"
+        guardian.keep_alive(ignore)
+    assert read_stop(PORT) == "stopped by eldir rig off"
 
 
 def test_a_guardian_that_has_died_where_its_latch_cannot_be_read(desk, monkeypatch):
@@ -515,10 +521,10 @@ def test_a_guardian_that_has_died_where_its_latch_cannot_be_read(desk, monkeypat
     def unreadable(port: str) -> str:
         raise EldirError("cannot be trusted")
 
-    monkeypatch.setattr(client, "stop_of", unreadable)
+    monkeypatch.setattr(client, "read_stop", unreadable)
     child.wire.close()
     with raises(EldirError, "guardian.gone", match="died; all contacts are open"):
-        guardian.beat(ignore)
+        guardian.keep_alive(ignore)
 
 
 def test_a_guardian_that_has_died_with_its_port(desk, tmp_path):
@@ -527,25 +533,29 @@ def test_a_guardian_that_has_died_with_its_port(desk, tmp_path):
     desk.popen.first = [READY | {"device": {"name": str(port), "marks": ["path:1", f"link:{port}"]}}]
     guardian = Guardian(RIG, port=str(port))
     guardian.open()
-    guardian._child.wire.send(**ARMED)
+    guardian._process.wire.send(**ARMED)
     guardian.arm()
     port.unlink()
     desk.fails = [PortError("cannot open it")]
-    guardian._child.wire.close()
+    guardian._process.wire.close()
     with pytest.raises(
         NotProvenOffError,
         match=rf"the guardian died, and the port {port} was lost, and the contacts cannot be opened: "
         "cannot open it; cut the heating supply now",
     ):
-        guardian.beat(ignore)
-    assert record_of(str(port)).opened is None
+        guardian.keep_alive(ignore)
+    assert find_record(str(port)).opened is None
 
 
 @pytest.mark.parametrize(
     ("measured", "kind", "text"),
     [
         (CurrentFlowsError("0.5 A flow"), CurrentFlowsError, "^0.5 A flow; the guardian died$"),
-        (EldirError("silent"), EldirError, "open by the board's report, but not by the sensor's: silent$"),
+        (
+            EldirError("silent"),
+            EldirError,
+            "open by the board.*, but not proven by the sensor: silent$",
+        ),
     ],
 )
 def test_what_the_sensor_says_after_a_guardian_has_died(desk, measured, kind, text):
@@ -553,17 +563,17 @@ def test_what_the_sensor_says_after_a_guardian_has_died(desk, measured, kind, te
     desk.measured = measured
     child.wire.close()
     with pytest.raises(kind, match=text):
-        guardian.beat(ignore)
+        guardian.keep_alive(ignore)
 
 
 def test_a_port_that_rig_off_holds_is_waited_for(desk, monkeypatch):
     guardian, child = armed()
     desk.fails = [PortError("another program has it open") for _ in range(5)]
     holders = []
-    monkeypatch.setattr(client, "holder_of", lambda port: holders.append(str(port)) or "another")
+    monkeypatch.setattr(client, "find_holder", lambda port: holders.append(str(port)) or "another")
     child.wire.close()
     with raises(EldirError, "guardian.gone", match="all contacts are open"):
-        guardian.beat(ignore)
+        guardian.keep_alive(ignore)
     assert holders == [PORT] * 5 and desk.time.now == pytest.approx(1000.1)
 
 
@@ -572,19 +582,19 @@ def test_a_port_that_stays_closed(desk, monkeypatch, held):
     """Nobody holds it: it is tried once. Another program holds it: for three seconds."""
     guardian, child = armed()
     desk.fails = [PortError("cannot open it") for _ in range(1000)]
-    monkeypatch.setattr(client, "holder_of", lambda port: "another" if held else None)
+    monkeypatch.setattr(client, "find_holder", lambda port: "another" if held else None)
     child.wire.close()
     with pytest.raises(NotProvenOffError, match="the contacts cannot be opened: cannot open it"):
-        guardian.beat(ignore)
+        guardian.keep_alive(ignore)
     assert desk.time.now == pytest.approx(1003.02 if held else 1000.0, abs=0.011)
-    assert desk.opens == [] and stop_of(PORT) == "the guardian died"
+    assert desk.opens == [] and read_stop(PORT) == "the guardian died"
 
 
 def test_contacts_that_are_not_proven_open_are_not_tried_again(desk, monkeypatch):
     guardian, child = armed()
-    desk.fails = [NotProvenOffError("channel 2 does not follow")]
-    monkeypatch.setattr(client, "holder_of", lambda port: "another")
+    desk.fails = [NotProvenOffError("channel 2 did not switch")]
+    monkeypatch.setattr(client, "find_holder", lambda port: "another")
     child.wire.close()
-    with pytest.raises(NotProvenOffError, match="channel 2 does not follow"):
-        guardian.beat(ignore)
+    with pytest.raises(NotProvenOffError, match="channel 2 did not switch"):
+        guardian.keep_alive(ignore)
     assert desk.opens == []

@@ -5,8 +5,8 @@ import socket
 import pytest
 
 from eldir.errors import EldirError
+from eldir_hardware.guardian._connection import Connection
 from eldir_hardware.guardian.bank import HeaterBank
-from eldir_hardware.guardian.wire import Wire
 from eldir_hardware.relay.errors import ContactError, NotProvenOffError
 from eldir_hardware.safety.stop_signals import StoppedError
 
@@ -62,7 +62,7 @@ def test_every_way_out_of_a_bank_but_the_end_is_a_stop(error, why, when):
     [
         (KeyboardInterrupt(), ["all open"]),
         (EldirError("the disk is full"), ["all open"]),
-        (ContactError("channel 2 does not follow; all open"), []),
+        (ContactError("channel 2 did not switch; all open"), []),
         (NotProvenOffError("not proven"), []),
     ],
 )
@@ -88,9 +88,9 @@ def test_the_good_end_of_a_bank():
 def test_messages_of_the_wire_arrive_whole_and_in_order(wires):
     ours, theirs = wires
     assert theirs.receive() == []
-    ours.send(do="beat")
-    ours.send(do="heat", at=1.5)
-    assert theirs.receive() == [{"do": "beat"}, {"do": "heat", "at": 1.5}]
+    ours.send(command="keepalive")
+    ours.send(command="heat", at=1.5)
+    assert theirs.receive() == [{"command": "keepalive"}, {"command": "heat", "at": 1.5}]
     theirs.send(rig="x" * 60_000)
     assert ours.receive() == [{"rig": "x" * 60_000}]
     assert theirs.fileno() >= 0 and theirs.receive() == []
@@ -110,12 +110,12 @@ def test_the_other_end_of_a_wire_has_gone(wires, unread):
     """The last messages are still read, also where it had not read ours."""
     ours, theirs = wires
     if unread:
-        theirs.send(do="beat")
-    ours.send(do="end")
+        theirs.send(command="keepalive")
+    ours.send(command="end_session")
     ours.close()
-    assert theirs.receive() == [{"do": "end"}]
+    assert theirs.receive() == [{"command": "end_session"}]
     assert theirs.receive() is None
-    theirs.send(do="beat")
+    theirs.send(command="keepalive")
 
 
 def test_a_closed_wire_is_gone(wires):
@@ -128,7 +128,7 @@ def test_a_closed_wire_is_gone(wires):
 def wires():
     """Both ends of a wire."""
     pair = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    ends = [Wire(end) for end in pair]
+    ends = [Connection(end) for end in pair]
     yield ends
     for end in ends:
         end.close()

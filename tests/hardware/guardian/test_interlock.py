@@ -2,8 +2,8 @@
 
 import pytest
 
-from eldir_hardware.guardian.forecast import Heating
-from eldir_hardware.guardian.interlock import Interlock
+from eldir_hardware.guardian._forecast import HeatingInterval
+from eldir_hardware.guardian._interlock import Interlock
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.safety.limits import LimitError
 from tests.hardware.rigs_and_schedules import rig_with
@@ -17,22 +17,22 @@ def weak(**limits: float) -> Rig:
     return rig_with(supply=WEAK, limits=limits)
 
 
-def until(ends: dict[int, float]) -> list[Heating]:
+def until(ends: dict[int, float]) -> list[HeatingInterval]:
     """What is closed or announced: for the second before the end of each channel."""
-    return [Heating(end - 1.0, channel, end) for channel, end in ends.items()]
+    return [HeatingInterval(end - 1.0, channel, end) for channel, end in ends.items()]
 
 
 def pulses(watch: Interlock, channel: int, *spans: tuple[float, float]) -> None:
     """The channel was closed and opened at these times."""
     for closed, opened in spans:
-        watch.switched({channel: True}, closed)
-        watch.switched({channel: False}, opened)
+        watch.record_switching({channel: True}, closed)
+        watch.record_switching({channel: False}, opened)
 
 
 @pytest.mark.parametrize("channel", [0, 5, -1])
 def test_a_channel_that_heats_no_spring(channel):
     with raises(LimitError, "limit.other-wiring", match=r"one of \[1, 2, 3, 4\]"):
-        Interlock(weak(), 0.0).allow(1.0, {1: 1.0, channel: 1.0})
+        Interlock(weak(), 0.0).check_pulses(1.0, {1: 1.0, channel: 1.0})
 
 
 @pytest.mark.parametrize(
@@ -51,19 +51,19 @@ def test_a_channel_that_heats_no_spring(channel):
 def test_how_long_a_pulse_may_be(seconds, allowed):
     watch = Interlock(weak(), 0.0)
     if allowed:
-        watch.allow(1.0, {2: seconds})
+        watch.check_pulses(1.0, {2: seconds})
     else:
         with raises(LimitError, "limit.long-pulse", match="channel 2 .*at most 6 s"):
-            watch.allow(1.0, {1: 1.0, 2: seconds})
+            watch.check_pulses(1.0, {1: 1.0, 2: seconds})
 
 
 @pytest.mark.parametrize(("longest", "most"), [(6.0, 6.0), (6.3, 6.3), (8.0, 6.3)])
 def test_a_pulse_ends_before_the_cutoff_acts(longest, most):
     """Otherwise the cut-off would open in normal use, and its failure would not be noticed."""
     watch = Interlock(weak(max_on_s=longest, duty=1.0), 0.0)
-    watch.allow(1.0, {1: most})
+    watch.check_pulses(1.0, {1: most})
     with raises(LimitError, "limit.long-pulse", match=f"at most {most:g} s"):
-        watch.allow(1.0, {1: most + 0.01})
+        watch.check_pulses(1.0, {1: most + 0.01})
 
 
 @pytest.mark.parametrize(
@@ -88,10 +88,10 @@ def test_rest_after_what_heated_and_after_what_is_announced(opened, announced, a
     if opened is not None:
         pulses(watch, 1, (opened - 1.0, opened))
     if allowed:
-        watch.allow(at, {1: 1.0}, until(announced))
+        watch.check_pulses(at, {1: 1.0}, until(announced))
     else:
         with raises(LimitError, "limit.no-rest", match="channel 1 .*at least 8 s"):
-            watch.allow(at, {3: 1.0, 1: 1.0}, until(announced))
+            watch.check_pulses(at, {3: 1.0, 1: 1.0}, until(announced))
 
 
 @pytest.mark.parametrize(
@@ -110,10 +110,10 @@ def test_duty_of_a_minute(spans, seconds, allowed):
     pulses(watch, 1, *spans)
     pulses(watch, 2, (0.0, 6.0), (15.0, 21.0))
     if allowed:
-        watch.allow(45.0, {1: seconds})
+        watch.check_pulses(45.0, {1: seconds})
     else:
         with raises(LimitError, "limit.duty", match="channel 1 .*at most 0.35 of any 60 s"):
-            watch.allow(45.0, {1: seconds})
+            watch.check_pulses(45.0, {1: seconds})
 
 
 @pytest.mark.parametrize(("seconds", "allowed"), [(4.9, True), (5.2, False)])
@@ -122,37 +122,37 @@ def test_a_pulse_leaves_the_minute_bit_by_bit(seconds, allowed):
     watch = Interlock(weak(duty=0.25), 0.0)
     pulses(watch, 1, (0.0, 5.0), (20.0, 25.0), (40.0, 45.0))
     if allowed:  # 15 s: what is left of the first, two pulses of 5 s, and the new one
-        watch.allow(60.0, {1: seconds})
+        watch.check_pulses(60.0, {1: seconds})
     else:
         with raises(LimitError, "limit.duty"):
-            watch.allow(60.0, {1: seconds})
+            watch.check_pulses(60.0, {1: seconds})
 
 
 def test_a_pulse_that_is_longer_than_the_duty_of_a_minute_is_refused_alone_too():
     """As in a schedule: the duty is a part of any minute."""
     watch = Interlock(weak(duty=0.05), 0.0)
-    watch.allow(1.0, {1: 3.04})
+    watch.check_pulses(1.0, {1: 3.04})
     with raises(LimitError, "limit.duty", match="at most 0.05 of any 60 s; found 3.1 s"):
-        watch.allow(1.0, {1: 3.06})
+        watch.check_pulses(1.0, {1: 3.06})
     pulses(watch, 1, (1.0, 3.0))
     with raises(LimitError, "limit.duty"):
-        watch.allow(12.0, {1: 1.1})
-    watch.allow(12.0, {1: 1.0})
+        watch.check_pulses(12.0, {1: 1.1})
+    watch.check_pulses(12.0, {1: 1.0})
 
 
 def test_what_heats_now_counts_for_the_duty():
     watch = Interlock(weak(duty=0.35, min_off_s=0.05), 0.0)
     pulses(watch, 1, (0.0, 6.0), (10.0, 16.0))
-    watch.switched({1: True}, 20.0)
-    watch.switched({1: True}, 23.0)  # a command that is repeated begins nothing
-    closed = [Heating(20.0, 1, 25.0)]
-    watch.allow(25.1, {1: 3.9}, closed)
+    watch.record_switching({1: True}, 20.0)
+    watch.record_switching({1: True}, 23.0)  # a command that is repeated begins nothing
+    closed = [HeatingInterval(20.0, 1, 25.0)]
+    watch.check_pulses(25.1, {1: 3.9}, closed)
     with raises(LimitError, "limit.duty"):
-        watch.allow(25.1, {1: 4.2}, closed)
-    watch.switched({1: False}, 25.0)
-    watch.allow(25.1, {1: 3.9})
+        watch.check_pulses(25.1, {1: 4.2}, closed)
+    watch.record_switching({1: False}, 25.0)
+    watch.check_pulses(25.1, {1: 3.9})
     with raises(LimitError, "limit.duty"):
-        watch.allow(25.1, {1: 4.2})
+        watch.check_pulses(25.1, {1: 4.2})
 
 
 @pytest.mark.parametrize(
@@ -169,10 +169,10 @@ def test_what_heats_now_counts_for_the_duty():
 def test_current_together_with_what_already_heats(lengths, announced, allowed):
     watch = Interlock(weak(), 0.0)
     if allowed:
-        watch.allow(20.0, lengths, until(announced))
+        watch.check_pulses(20.0, lengths, until(announced))
     else:
         with raises(LimitError, "limit.supply"):
-            watch.allow(20.0, lengths, until(announced))
+            watch.check_pulses(20.0, lengths, until(announced))
 
 
 def test_only_springs_take_current():
@@ -187,14 +187,14 @@ def test_only_springs_take_current():
 def test_how_long_a_channel_may_stay_closed(closed, stops):
     """From the first command that closed it; one step of a board's timer more than the longest pulse."""
     watch = Interlock(weak(), 100.0)
-    watch.switched({2: True, 7: True}, 100.0)
-    watch.switched({2: True}, 103.0)
+    watch.record_switching({2: True, 7: True}, 100.0)
+    watch.record_switching({2: True}, 103.0)
     if stops:
         with raises(LimitError, "limit.long-pulse", match="channel 2 .*at most 6 s"):
             watch.check(100.0 + closed)
     else:
         watch.check(100.0 + closed)
-        watch.switched({2: False}, 106.0)
+        watch.record_switching({2: False}, 106.0)
         watch.check(200.0)
 
 
@@ -208,17 +208,17 @@ def test_a_rest_that_is_longer_than_the_minute_of_the_duty():
     pulses(watch, 1, (9.0, 10.0))
     pulses(watch, 2, (71.0, 72.0))  # what was spent before is forgotten now
     with raises(LimitError, "limit.no-rest", match=r"channel 1 .*found 99\.90 s"):
-        watch.allow(109.9, {1: 1.0})
-    watch.allow(110.0, {1: 1.0})
+        watch.check_pulses(109.9, {1: 1.0})
+    watch.check_pulses(110.0, {1: 1.0})
 
 
 def test_how_many_pulses_and_how_far_ahead():
     """32 pulses together with those that are asked for; the end of each within 60 s."""
     watch = Interlock(weak(), 0.0)
-    announced = [Heating(10.0 + 0.5 * k, 2, 10.1 + 0.5 * k) for k in range(32)]
-    watch.allow(1.0, {1: 1.0}, announced[:31])
+    announced = [HeatingInterval(10.0 + 0.5 * k, 2, 10.1 + 0.5 * k) for k in range(32)]
+    watch.check_pulses(1.0, {1: 1.0}, announced[:31])
     with raises(LimitError, "limit.announced", match="at most 32; found 33"):
-        watch.allow(1.0, {1: 1.0}, announced)
-    watch.allow(59.0, {1: 1.0})
+        watch.check_pulses(1.0, {1: 1.0}, announced)
+    watch.check_pulses(59.0, {1: 1.0})
     with raises(LimitError, "limit.announced", match="channel 1 .*within 60 s"):
-        watch.allow(59.1, {1: 1.0})
+        watch.check_pulses(59.1, {1: 1.0})

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from eldir.built.heat import HeatModel, SpringState
-from eldir_hardware.guardian.interlock import Interlock
+from eldir_hardware.guardian._interlock import Interlock
 from eldir_hardware.rig.configuration import Rig
-from eldir_hardware.rig.supply import shares, worst_springs
+from eldir_hardware.rig.supply import power_shares, worst_springs
 from eldir_hardware.safety.limits import LimitError
 from tests.hardware.guardian.pulse_controllers import rig_of
 from tests.hardware.rigs_and_schedules import rig_with
@@ -31,9 +31,9 @@ def only(*channels: int) -> tuple[bool, ...]:
 
 def test_before_anything_heats():
     watch = Interlock(rig_with(), 5.0)
-    assert watch.temperatures == (22.0,) * 4 and watch.hottest == 22.0
-    watch.reported(OPEN, 25.0)
-    assert watch.temperatures == pytest.approx((22.0,) * 4) and watch.hottest == pytest.approx(22.0)
+    assert watch.temperatures == (22.0,) * 4 and watch.peak == 22.0
+    watch.record_report(OPEN, 25.0)
+    assert watch.temperatures == pytest.approx((22.0,) * 4) and watch.peak == pytest.approx(22.0)
 
 
 # Between two reports a contact counts as closed if either says so.
@@ -51,10 +51,10 @@ def test_what_is_believed_between_reports(reports, span):
     rig = rig_with()
     watch = Interlock(rig, 10.0)
     for t, closed in reports:
-        watch.reported(closed, 10.0 + t)
+        watch.record_report(closed, 10.0 + t)
     expected = heated(rig, (*span, 1.0), until=4.0)
     assert watch.temperatures == pytest.approx((22.0, expected, 22.0, 22.0), abs=0.05)
-    assert watch.hottest == pytest.approx(heated(rig, (*span, 1.0), until=span[1]), abs=0.3)
+    assert watch.peak == pytest.approx(heated(rig, (*span, 1.0), until=span[1]), abs=0.3)
 
 
 @pytest.mark.parametrize(
@@ -63,18 +63,18 @@ def test_what_is_believed_between_reports(reports, span):
 def test_what_was_opened_counts_as_open_from_the_command_if_the_report_agrees(says, span):
     rig = rig_with()
     watch = Interlock(rig, 0.0)
-    watch.reported(only(2), 1.0)
-    watch.switched({2: False}, 1.4)
-    watch.reported(says, 2.0)
+    watch.record_report(only(2), 1.0)
+    watch.record_switching({2: False}, 1.4)
+    watch.record_report(says, 2.0)
     assert watch.temperatures[1] == pytest.approx(heated(rig, (*span, 1.0), until=2.0), abs=0.05)
 
 
 def test_what_another_command_leaves_closed_heats_until_the_next_report():
     rig = rig_with()
     watch = Interlock(rig, 0.0)
-    watch.reported(only(1, 2), 1.0)
-    watch.switched({1: False}, 1.2)
-    watch.reported(OPEN, 2.0)
+    watch.record_report(only(1, 2), 1.0)
+    watch.record_switching({1: False}, 1.2)
+    watch.record_report(OPEN, 2.0)
     first, second = (heated(rig, (0.0, end, 1.0), until=2.0) for end in (1.2, 2.0))
     assert watch.temperatures[:2] == pytest.approx((first, second), abs=0.05) and second > first + 3.0
 
@@ -83,36 +83,36 @@ def test_commands_alone_heat_nothing():
     """Until the board says so: the model follows the report."""
     rig = rig_with()
     watch = Interlock(rig, 0.0)
-    watch.switched({1: True}, 1.0)
-    watch.reported(OPEN, 2.0)
+    watch.record_switching({1: True}, 1.0)
+    watch.record_report(OPEN, 2.0)
     assert watch.temperatures == pytest.approx((22.0,) * 4)
-    watch.switched({2: True, 3: False}, 2.0)
-    watch.reported(only(2), 3.0)
+    watch.record_switching({2: True, 3: False}, 2.0)
+    watch.record_report(only(2), 3.0)
     assert watch.temperatures[1] == pytest.approx(heated(rig, (0.0, 1.0, 1.0), until=1.0), abs=0.05)
 
 
 def test_the_hottest_is_kept():
     rig = rig_with()
     watch = Interlock(rig, 0.0)
-    watch.reported(only(1), 3.0)
-    watch.reported(OPEN, 3.1)
-    hottest = watch.hottest
+    watch.record_report(only(1), 3.0)
+    watch.record_report(OPEN, 3.1)
+    hottest = watch.peak
     assert hottest == pytest.approx(heated(rig, (0.0, 3.1, 1.0), until=3.1), abs=0.05)
-    watch.reported(OPEN, 40.0)
-    assert watch.temperatures[0] < 30.0 and watch.hottest == hottest
-    watch.reported(only(4), 41.0)
-    watch.reported(only(4), 40.0)  # a report that is late changes nothing
-    assert watch.hottest == hottest
+    watch.record_report(OPEN, 40.0)
+    assert watch.temperatures[0] < 30.0 and watch.peak == hottest
+    watch.record_report(only(4), 41.0)
+    watch.record_report(only(4), 40.0)  # a report that is late changes nothing
+    assert watch.peak == hottest
 
 
 def test_cooling_is_modelled_well_enough():
     """In larger steps; three of four springs cool while one is heated."""
     rig = rig_with()
     watch = Interlock(rig, 0.0)
-    watch.reported(only(1), 4.0)
-    watch.reported(OPEN, 4.0)
+    watch.record_report(only(1), 4.0)
+    watch.record_report(OPEN, 4.0)
     for t in (10.3, 16.0):
-        watch.reported(OPEN, t)
+        watch.record_report(OPEN, t)
     assert watch.temperatures[0] == pytest.approx(heated(rig, (0.0, 4.0, 1.0), until=16.0), abs=0.2)
 
 
@@ -131,9 +131,9 @@ def test_springs_that_heat_together_share(number):
     rig = sharing()
     watch = Interlock(rig, 0.0)
     channels = tuple(range(1, number + 1))
-    watch.reported(only(*channels), 0.5)
-    watch.reported(only(*channels), 2.0)
-    part = float(shares(rig, rig.spring_parameters())[number])
+    watch.record_report(only(*channels), 0.5)
+    watch.record_report(only(*channels), 2.0)
+    part = float(power_shares(rig, rig.spring_parameters())[number])
     expected = heated(rig, (0.0, 2.0, part), until=2.0)
     assert watch.temperatures[:number] == pytest.approx((expected,) * number, abs=0.1)
     assert number == 1 or part < 0.5
@@ -143,15 +143,15 @@ def test_the_worst_spring_shares_only_with_what_is_surely_closed():
     """Three contacts open between two reports, nobody knows when: the fourth is believed to have had all."""
     rig = sharing(tolerance=0.3)
     worst = worst_springs(rig)
-    parts = shares(rig, worst, worst=True)
-    assert parts[4] > 1.1 * shares(rig, worst)[4], "one of little resistance draws more than its part"
+    parts = power_shares(rig, worst, worst=True)
+    assert parts[4] > 1.1 * power_shares(rig, worst)[4], "one of little resistance draws more than its part"
     watch = Interlock(rig, 0.0)
-    watch.reported(only(1, 2, 3, 4), 0.0)
-    watch.reported(only(1, 2, 3, 4), 5.0)
+    watch.record_report(only(1, 2, 3, 4), 0.0)
+    watch.record_report(only(1, 2, 3, 4), 5.0)
     on = np.full(500, parts[4])
     expected = HeatModel([worst]).run(on[:, None], DT).temperature[-1, 0]
     assert float(watch._state.temperature[4]) == pytest.approx(expected, abs=0.1)
-    watch.reported(only(1), 5.5)
+    watch.record_report(only(1), 5.5)
     on = np.concatenate([on, np.full(50, parts[1])])
     expected = HeatModel([worst]).run(on[:, None], DT).temperature[-1, 0]
     assert float(watch._state.temperature[4]) == pytest.approx(expected, abs=0.2)
@@ -162,9 +162,9 @@ def test_the_worst_spring_does_not_share_with_what_has_just_closed():
     rig = sharing(tolerance=0.3)
     worst = worst_springs(rig)
     watch = Interlock(rig, 0.0)
-    watch.reported(only(1), 0.0)
-    watch.reported(only(1, 2, 3, 4), 0.5)
-    on = np.full((50, 1), shares(rig, worst, worst=True)[1])
+    watch.record_report(only(1), 0.0)
+    watch.record_report(only(1, 2, 3, 4), 0.5)
+    on = np.full((50, 1), power_shares(rig, worst, worst=True)[1])
     expected = HeatModel([worst]).run(on, DT).temperature[-1, 0]
     assert float(watch._state.temperature[4]) == pytest.approx(expected, abs=0.2)
 
@@ -196,11 +196,11 @@ def test_a_pulse_and_a_step_of_the_timer_stay_below_the_ceiling(less, allowed):
     seconds = longest_safe(rig, 60.0) - 0.1 - less
     assert 0.5 < seconds < 6.0
     if allowed:
-        watch.allow(0.0, {1: seconds})
-        watch.allow(0.0, {2: 0.1, 1: seconds})
+        watch.check_pulses(0.0, {1: seconds})
+        watch.check_pulses(0.0, {2: 0.1, 1: seconds})
     else:
         with raises(LimitError, "limit.too-hot", match="by the model.*at most 90 C"):
-            watch.allow(0.0, {2: 0.1, 1: seconds})
+            watch.check_pulses(0.0, {2: 0.1, 1: seconds})
 
 
 @pytest.mark.parametrize(("temperature", "allowed"), [(22.0, True), (50.0, False)])
@@ -209,10 +209,10 @@ def test_a_short_pulse_is_forecast_until_the_cutoff_acts(temperature, allowed):
     watch = Interlock(rig_with(), 0.0)
     warm(watch, temperature)
     if allowed:
-        watch.allow(1.0, {1: 0.1})
+        watch.check_pulses(1.0, {1: 0.1})
     else:
         with raises(LimitError, "limit.too-hot", match="by the model"):
-            watch.allow(1.0, {1: 0.1})
+            watch.check_pulses(1.0, {1: 0.1})
 
 
 def test_only_the_springs_that_are_to_be_heated_are_forecast_hotter():
@@ -222,9 +222,9 @@ def test_only_the_springs_that_are_to_be_heated_are_forecast_hotter():
     hot = np.full(count, 22.0)
     hot[[2, 6]] = 70.0  # channel 3, nominal and worst
     watch._state = SpringState(hot, np.ones(count))
-    watch.allow(1.0, {1: 6.0, 4: 6.0})
+    watch.check_pulses(1.0, {1: 6.0, 4: 6.0})
     with raises(LimitError, "limit.too-hot", match="by the model"):
-        watch.allow(1.0, {3: 3.0})
+        watch.check_pulses(1.0, {3: 3.0})
 
 
 @pytest.mark.parametrize(("spring", "channel"), [(0, 1), (3, 4), (4, 1), (6, 3)])
@@ -252,13 +252,13 @@ def test_a_contact_welded_behind_a_contactor_heats_whenever_any_does():
     worst = worst_springs(rig)
     for k, channel in enumerate((1, 2, 3)):
         closed = (*only(channel), True)
-        watch.reported(closed, 1.0 * k)
-        watch.reported(closed, 1.0 * (k + 1))
+        watch.record_report(closed, 1.0 * k)
+        watch.record_report(closed, 1.0 * (k + 1))
     expected = HeatModel([worst]).run(np.ones((300, 1)), DT).temperature[-1, 0]
     assert float(watch._state.temperature[8]) == pytest.approx(expected, abs=0.3)
     assert max(watch.temperatures) < expected - 10.0
     cold = Interlock(rig, 0.0)
-    cold.reported((*OPEN, True), 2.0)
-    cold.reported((*OPEN, True), 4.0)
+    cold.record_report((*OPEN, True), 2.0)
+    cold.record_report((*OPEN, True), 4.0)
     assert cold.temperatures == pytest.approx((22.0,) * 4), "the contactor alone heats nothing"
     assert cold._state.temperature[4:] == pytest.approx([30.0] * 5), "as warm as the hottest air"

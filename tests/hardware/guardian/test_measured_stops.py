@@ -10,12 +10,12 @@ from pathlib import Path
 import pytest
 
 from eldir.errors import EldirError
+from eldir_hardware.current_sensor import SensorError
 from eldir_hardware.guardian.bank import Report
 from eldir_hardware.guardian.client import Guardian
 from eldir_hardware.guardian.measured_heat import CurrentFlowsError
 from eldir_hardware.rig.configuration import Rig
-from eldir_hardware.safety.latch import stop_of
-from eldir_hardware.sensor.errors import SensorError
+from eldir_hardware.safety.latch import read_stop
 from eldir_hardware.virtual.rig import VirtualRig
 from tests.hardware.emulated_rigs import rig_file, run
 from tests.hardware.rigs_and_schedules import rig_with
@@ -31,7 +31,7 @@ def ignore(report: Report) -> None:
 OPEN = "all contacts are open by the board's report"
 ONLY_2 = (
     r"no current flows in channel 2 by the sensor \(it measured the supply in it in this run\); "
-    "the sensor shows no current in channels 1, 3, 4, but it has not seen the supply there in this run"
+    "the sensor shows no current in channels 1, 3, 4, but it has not measured the supply there in this run"
 )
 
 
@@ -46,9 +46,9 @@ def bench(folder: Path, inputs: list[int] | None = None) -> Iterator[tuple[Virtu
 
 def weld(virtual: VirtualRig, channel: int, welded: bool = True) -> None:
     """The contact stays closed, which the board does not notice; or it opens again."""
-    virtual.emulator._set_coil(channel, welded)
+    virtual.emulator.set_coil(channel, welded)
     (virtual.emulator.faults.welded.add if welded else virtual.emulator.faults.welded.discard)(channel)
-    virtual.emulator._set_coil(channel, False)
+    virtual.emulator.set_coil(channel, False)
     time.sleep(0.1)
 
 
@@ -60,14 +60,14 @@ def test_off_and_reset_find_a_welded_contact(tmp_path):
             assert result.exit_code == 1
             assert "current flows in channel 4" in str(result.exception)
             assert "cut the heating supply now" in str(result.exception)
-            assert stop_of(virtual.emulator.port) == "stopped by eldir rig off"
+            assert read_stop(virtual.emulator.port) == "stopped by eldir rig off"
         weld(virtual, 4, False)
         for command in ("off", "reset"):
             result = run(command, "--rig", path)
             assert result.exit_code == 0, result.exception
             assert "the sensor shows no current in channels 1 to 4 (at most" in result.output
             assert "so this alone proves nothing" in result.output
-        assert stop_of(virtual.emulator.port) is None
+        assert read_stop(virtual.emulator.port) is None
 
 
 def test_off_does_not_need_the_sensor_and_reset_does(tmp_path):
@@ -78,10 +78,10 @@ def test_off_does_not_need_the_sensor_and_reset_does(tmp_path):
         assert "note: no current was measured: the current sensor at" in result.output
         result = run("reset", "--rig", path)
         assert result.exit_code == 1 and isinstance(result.exception, SensorError)
-        assert stop_of(virtual.emulator.port) == "stopped by eldir rig off"
+        assert read_stop(virtual.emulator.port) == "stopped by eldir rig off"
 
 
-@pytest.mark.parametrize("welded", [True, False])
+@pytest.mark.parametrize("welded", [True, pytest.param(False, marks=pytest.mark.stress)])
 def test_after_the_guardian_died_the_program_measures(tmp_path, welded):
     with bench(tmp_path) as (virtual, path), Guardian(Rig.load(path)) as bank:
         expected = "current flows in channel 2" if welded else f"the guardian died; {OPEN}; {ONLY_2}"
@@ -110,10 +110,10 @@ def proof_after(path: Path, heated: dict[int, float]) -> str:
 def test_a_sensor_that_never_saw_the_supply_proves_nothing(tmp_path):
     """Such as that of another rig: its channels carry nothing, whatever this board does."""
     with bench(tmp_path) as (virtual, path):
-        virtual.springs.supplied = False  # of the circuit that the sensor measures
+        virtual.springs.has_supply = False  # of the circuit that the sensor measures
         proof = proof_after(path, {1: 3.0, 3: 3.0})
     assert proof == (
-        f"{OPEN}; the sensor shows no current in channels 1 to 4, but it has not seen the supply in this "
+        f"{OPEN}; the sensor shows no current in channels 1 to 4, but it has not measured the supply in this "
         "run, so this proves nothing"
     )
 
@@ -135,7 +135,7 @@ def test_what_an_earlier_run_saw_proves_nothing_of_the_next(tmp_path):
         with bank.armed():
             bank.heat(time.monotonic() + 0.3, {2: 1.0})
             bank.wait_until(time.monotonic() + 1.6, ignore)
-        virtual.springs.supplied = False
+        virtual.springs.has_supply = False
         with (
             pytest.raises(EldirError, match=f"the guardian died; {OPEN}; .*channels 1 to 4, but it"),
             bank.armed(),
@@ -151,7 +151,7 @@ def test_a_sensor_that_fails_at_the_start_leaves_no_stop(tmp_path):
             virtual.emulated_sensor.faults.silent = True
             with pytest.raises(SensorError, match="did not answer"):
                 bank.arm()
-        assert stop_of(virtual.emulator.port) is None
+        assert read_stop(virtual.emulator.port) is None
         virtual.emulated_sensor.faults.silent = False
         with Guardian(Rig.load(path)) as bank, bank.armed():
             pass

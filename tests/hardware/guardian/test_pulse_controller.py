@@ -5,7 +5,7 @@ from itertools import pairwise
 import pytest
 
 from eldir.errors import EldirError
-from eldir_hardware.guardian.pulse_controller import HeartbeatError, PulseController
+from eldir_hardware.guardian.pulse_controller import HeartbeatError, Host, PulseController
 from eldir_hardware.relay.errors import SilentBoardError
 from eldir_hardware.safety.limits import LimitError
 from tests.hardware.guardian.pulse_controllers import FAN, controlled, edges, ignore, rig_of, step_until
@@ -36,7 +36,7 @@ def test_how_late_anything_may_be(late, stops):
         bank.arm()
         bank.wait_until(3.0, ignore)
         virtual.clock.sleep_until(bank.step() + late)
-        bank.beat()
+        bank.keep_alive()
         if stops:
             with raises(EldirError, "guardian.stood-still", match=r"0\.5 s"):
                 bank.step()
@@ -51,15 +51,15 @@ def test_how_late_a_contact_may_move(late, stops):
         bank.arm()
         bank.heat(1.0, {1: 2.0})
         bank.wait_until(0.9, seen.append)
-        virtual.clock.sleep_until(1.0 - virtual.board.delay({1: True}) + late)
-        bank.beat()
+        virtual.clock.sleep_until(1.0 - virtual.board.switching_delay({1: True}) + late)
+        bank.keep_alive()
         if stops:
             with raises(EldirError, "guardian.stood-still"):
                 bank.step()
             assert not any(virtual.emulator.contacts)
         else:
             bank.wait_until(2.0, seen.append)
-            assert seen[-1].latest == pytest.approx(late, abs=1e-6)
+            assert seen[-1].max_delay == pytest.approx(late, abs=1e-6)
             assert virtual.emulator.contacts[0]
 
 
@@ -78,7 +78,7 @@ def test_a_computer_that_was_asleep(slept, stops):
             bank.step()
 
 
-@pytest.mark.parametrize(("gap", "message"), [(0.3, "did not answer"), (0.8, r"stood still for 0\.[78] s")])
+@pytest.mark.parametrize(("gap", "message"), [(0.3, "did not answer"), (0.8, r"was suspended for 0\.[78] s")])
 def test_a_program_that_slept_while_it_waited_does_not_blame_the_board(monkeypatch, gap, message):
     """Its time for the answer was over when it woke."""
     with controlled(rig_of()) as (virtual, bank, _):
@@ -152,7 +152,7 @@ def test_a_board_that_another_user_stopped_closes_nothing_more():
             raise EldirError("it is stopped")
 
     with controlled(rig_of()) as (virtual, _, _):
-        bank = PulseController(virtual.board, rig_of(), virtual.clock, may_close=may_close)
+        bank = PulseController(virtual.board, rig_of(), virtual.clock, host=Host(before_closing=may_close))
         bank.arm()
         bank.heat(1.0, {1: 1.0})
         bank.wait_until(3.0, ignore)
@@ -181,12 +181,12 @@ def test_a_second_stop_does_nothing():
 def test_arming_opens_what_was_closed_and_tells():
     with controlled(rig_of(**FAN)) as (virtual, bank, seen):
         for channel in (2, 4):
-            virtual.emulator._set_coil(channel, True)
+            virtual.emulator.set_coil(channel, True)
         bank.arm()
         assert seen[-1].closed == virtual.emulator.contacts == (False,) * 4 + (True,)
-        order = [(e.channel, e.closed) for e in virtual.emulator.edges]
+        order = [(e.channel, e.closed) for e in virtual.emulator.contact_events]
         assert order == [(2, True), (4, True), (2, False), (4, False), (5, True)]
-        assert seen[-1].latest == 0.0 and seen[-1].hottest == pytest.approx(22.0)
+        assert seen[-1].max_delay == 0.0 and seen[-1].peak == pytest.approx(22.0)
 
 
 def test_a_cut_opens_what_heats_and_forgets_what_was_announced():
@@ -236,7 +236,7 @@ def test_pulses_announced_in_any_order_come_on_time():
         bank.wait_until(9.0, ignore)
         for channel, times in ((1, (1.0, 3.0)), (2, (6.0, 8.0)), (3, (3.5, 5.5)), (4, (3.5, 4.5))):
             assert [t for t, _ in edges(virtual, channel)] == pytest.approx(times, abs=0.0025)
-        assert bank._latest < 1e-6
+        assert bank._max_delay < 1e-6
 
 
 @pytest.mark.parametrize(("apart", "seen"), [(0.0005, 0.0), (0.05, 0.05)])
@@ -284,7 +284,7 @@ def test_the_controller_is_awake_from_when_it_is_armed():
     with controlled(rig_of()) as (virtual, bank, _):
         bank.arm()
         virtual.clock.sleep_until(virtual.clock.now() + 0.55)
-        bank.beat()
+        bank.keep_alive()
         with raises(EldirError, "guardian.stood-still", match=r"0\.[56] s"):
             bank.step()
 

@@ -5,7 +5,7 @@ from itertools import pairwise
 import pytest
 
 from eldir.errors import EldirError
-from eldir_hardware.relay.registration import kinds
+from eldir_hardware.relay.registration import installed_kinds
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.sections import BoardEntry
 from tests.hardware.guardian.pulse_controllers import FAN, controlled, edges, ignore, rig_of
@@ -15,7 +15,7 @@ from tests.raised import raises
 CONTACTOR = {"kind": "contactor", "channel": 5}
 
 
-@pytest.mark.parametrize("kind", kinds())
+@pytest.mark.parametrize("kind", installed_kinds())
 def test_contacts_move_at_their_instant(kind):
     """Wire and contact are allowed for, on any board: the middle of edges that go out together."""
     with controlled(rig_of(kind)) as (virtual, bank, _):
@@ -34,7 +34,7 @@ def test_contacts_move_at_their_instant(kind):
 def flashes(virtual) -> list[tuple[float, int, int]]:
     """Times, channels and lengths of the pulses that the board was told from now on [s], [0.1 s]."""
     found: list[tuple[float, int, int]] = []
-    obey = virtual.emulator._obey
+    obey = virtual.emulator.obey
 
     def heard(request: bytes) -> bytes:
         if request[1] == 5 and request[2] == 2:
@@ -43,7 +43,7 @@ def flashes(virtual) -> list[tuple[float, int, int]]:
             )
         return obey(request)
 
-    virtual.emulator._obey = heard
+    virtual.emulator.obey = heard
     return found
 
 
@@ -77,7 +77,7 @@ def test_a_pulse_is_not_repeated_across_an_edge():
         bank.wait_until(6.0, ignore)
         assert [t for t, _ in edges(virtual, 1)] == pytest.approx([1.0, 4.0], abs=0.01)
         assert [t for t, _ in edges(virtual, 2)] == pytest.approx([1.2, 2.3], abs=1e-6)
-        assert bank._latest == pytest.approx(16 * 10 / 9600), "the frame of a repetition and its echo"
+        assert bank._max_delay == pytest.approx(16 * 10 / 9600), "the frame of a repetition and its echo"
         own = [t for t, channel, _ in told if channel == 1]
         assert all(b - a < 0.4 for a, b in pairwise(own))
 
@@ -86,7 +86,7 @@ def test_a_board_that_ignores_a_second_pulse_gets_one_of_full_length():
     rig = rig_of("modbus")
     board = BoardEntry.from_json(rig.board.model_dump() | {"retriggerable": False})
     with controlled(rig.model_copy(update={"board": board})) as (virtual, bank, _):
-        virtual.emulator.restarts = False
+        virtual.emulator.retriggerable = False
         told = flashes(virtual)
         bank.arm()
         bank.heat(1.0, {1: 2.34})
@@ -122,7 +122,7 @@ def test_a_contactor_is_closed_exactly_while_something_heats(pulses):
         for at, lengths in pulses.items():
             bank.heat(at, lengths)
         bank.wait_until(14.0, ignore)
-        order = [(e.channel, e.closed) for e in sorted(virtual.emulator.edges)]
+        order = [(e.channel, e.closed) for e in sorted(virtual.emulator.contact_events)]
         spans = sorted((at, at + s) for at, lengths in pulses.items() for s in lengths.values())
         heated: list[list[float]] = []
         for begin, end in spans:
@@ -146,7 +146,7 @@ def test_a_cut_opens_the_contactor_last():
         bank.wait_until(2.0, ignore)
         bank.abort_pulses()
         bank.wait_until(2.3, ignore)
-        opened = [e.channel for e in sorted(virtual.emulator.edges) if not e.closed]
+        opened = [e.channel for e in sorted(virtual.emulator.contact_events) if not e.closed]
         assert sorted(opened) == [1, 2, 5] and not any(virtual.emulator.contacts)
         bank.heat(11.0, {1: 1.0})
         bank.wait_until(13.0, ignore)
@@ -156,7 +156,7 @@ def test_a_cut_opens_the_contactor_last():
 # Read-backs.
 
 
-@pytest.mark.parametrize("kind", kinds())
+@pytest.mark.parametrize("kind", installed_kinds())
 def test_how_often_the_board_is_asked(kind):
     """Twice a second while all is open, or twice within the board's patience; ten times while something
     heats, and never across an edge."""
@@ -184,7 +184,7 @@ def test_how_often_the_board_is_asked(kind):
         for t in (4.0, 7.0):  # no report overlaps with the frames of a switching
             framed = t - virtual.board.contact_time - 0.001
             assert not any(r.t - took < framed < r.t for r in seen)
-        assert bank._latest < 0.017
+        assert bank._max_delay < 0.017
 
 
 def test_edges_close_together_do_not_keep_the_controller_blind():
@@ -196,7 +196,7 @@ def test_edges_close_together_do_not_keep_the_controller_blind():
             bank.heat(1.0 + 0.3 * k, {1 + k % 4: 0.15})
         bank.wait_until(8.0, seen.append)
         assert max(b.t - a.t for a, b in pairwise(seen)) < 0.6
-        assert bank._latest < 0.05
+        assert bank._max_delay < 0.05
 
 
 def test_switchings_that_leave_no_time_for_a_read_back_end_the_run():
@@ -232,7 +232,7 @@ def test_a_contactor_on_the_first_channel():
         bank.arm()
         bank.heat(1.0, {2: 2.0, 3: 2.0})
         bank.wait_until(5.0, ignore)
-        order = sorted(virtual.emulator.edges, key=lambda e: e.t)
+        order = sorted(virtual.emulator.contact_events, key=lambda e: e.t)
         assert [(e.channel, e.closed) for e in order[:3]] == [(1, True), (2, True), (3, True)]
         assert {e.channel for e in order[3:]} == {1, 2, 3} and len({e.t for e in order[3:]}) == 1
 

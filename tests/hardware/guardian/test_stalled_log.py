@@ -13,10 +13,10 @@ from contextlib import contextmanager, suppress
 
 import pytest
 
-from eldir_hardware.safety.latch import DIED, stop_of
-from eldir_hardware.safety.spring_memory import remembered
+from eldir_hardware.safety.latch import GUARDIAN_DIED, read_stop
+from eldir_hardware.safety.spring_memory import load_springs
 from tests.forked_programs import Forked
-from tests.hardware.emulated_rigs import HEAT, emulated, rig_file, wait
+from tests.hardware.emulated_rigs import HEAT, emulated, in_turn, rig_file, wait
 
 LIMIT = 1.0
 """From the death of the program that heats until every contact is open [s]."""
@@ -60,8 +60,12 @@ def full_disk() -> Iterator[tuple[int, Stall]]:
         yield file.fileno(), lambda: None
 
 
-@pytest.mark.parametrize("stalled", [unread_pipe, stopped_terminal, pipe_without_reader, full_disk])
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
+@pytest.mark.parametrize(
+    ("stalled", "number"),
+    in_turn(
+        [unread_pipe, stopped_terminal, pipe_without_reader, full_disk], [signal.SIGKILL, signal.SIGTERM]
+    ),
+)
 def test_a_log_that_nobody_takes_delays_no_off(stalled, number, tmp_path):
     """`SIGKILL`: of the program that heats. `SIGTERM`: to the guardian, as `eldir rig off` sends it."""
     with emulated("lcus") as board, stalled() as (stderr, stall):
@@ -77,13 +81,13 @@ def test_a_log_that_nobody_takes_delays_no_off(stalled, number, tmp_path):
             asked = time.monotonic()
             os.kill(program.pid if number == signal.SIGKILL else guardian, number)
             assert wait(lambda: not any(board.contacts))
-            assert wait(lambda: remembered(board.port) is not None), "it ends its work"
+            assert wait(lambda: load_springs(board.port) is not None), "it ends its work"
         finally:
             program.kill()
             program.communicate()
-        opened = max(edge.t for edge in board.edges if not edge.closed) - asked
+        opened = max(edge.t for edge in board.contact_events if not edge.closed) - asked
         assert opened < LIMIT, opened
-        assert stop_of(board.port) not in (None, DIED)
+        assert read_stop(board.port) not in (None, GUARDIAN_DIED)
     assert wait(lambda: not os.path.exists(f"/proc/{guardian}"))
 
 
@@ -105,7 +109,7 @@ def test_the_guardian_says_what_it_does_and_who_it_is(tmp_path):
     said = [rest for _, level, rest in lines if level in ("DEBUG", "INFO")]
     assert said[0] == f"guardian eldir_hardware.relay.line: opened {board.port} at 9600 baud"
     assert f"guardian eldir_hardware.relay.line: to {board.port}: a0 01 01 a2" in said, "channel 1 closes"
-    assert said[-1].startswith("guardian eldir_hardware.guardian.process: stopped, ") or any(
+    assert said[-1].startswith("guardian eldir_hardware.guardian._process: stopped, ") or any(
         "the program that heats has died" in line for line in said
     )
     off = max(i for i, line in enumerate(said) if line.endswith(": a0 01 00 a1"))

@@ -14,17 +14,16 @@ from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
 from eldir.errors import InputError
-from eldir_calibration.comparison.motions import camera_words, plane_words
-from eldir_hardware.camera.lens import Lens
+from eldir_calibration.comparison.motions import describe_camera, describe_plane
+from eldir_hardware.camera.lens import Lens, validity_period
 from eldir_hardware.camera.plane import Image, Plane
-from eldir_hardware.camera.tags import WrongLensError, calibrate_plane
-from eldir_hardware.camera.validity import valid_for
+from eldir_hardware.camera.plane_fit import WrongLensError, calibrate_plane
 from eldir_hardware.log.reader import read_log
 from eldir_hardware.log.recorder import Recorder
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.template import virtual_rig
 from eldir_hardware.run.filming import CameraFiles
-from eldir_hardware.vision.recording_setup import recorded_plane
+from eldir_hardware.vision.recording_setup import find_recorded_plane
 from eldir_hardware.vision.sources import LoggedFrames
 from eldir_hardware.vision.virtual_camera import VirtualCamera
 from tests.hardware.camera.lenses import lens_of
@@ -41,9 +40,9 @@ def lens(provenance: dict[str, object] | None = None, k1: float = -0.05) -> Lens
 
 
 @pytest.fixture(scope="module")
-def filmed() -> tuple[VirtualCamera, list[Image]]:
+def track_run() -> tuple[VirtualCamera, list[Image]]:
     camera = VirtualCamera(7, SPACE)
-    return camera, [image for _, image in film(camera, TIMES[:10])]
+    return camera, [image for _, image in film(camera, TIMES[:4])]
 
 
 def record(
@@ -67,8 +66,8 @@ def camera_info(path: Path) -> list[object]:
         return [reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages(connections=topics)]
 
 
-def test_rosbags_reads_the_lens_from_camera_info(filmed, tmp_path: Path) -> None:
-    (info,) = camera_info(record(tmp_path / "a.mcap", filmed[1][:2], lens()))
+def test_rosbags_reads_the_lens_from_camera_info(track_run, tmp_path: Path) -> None:
+    (info,) = camera_info(record(tmp_path / "a.mcap", track_run[1][:2], lens()))
     assert (info.width, info.height, info.header.frame_id) == (*SIZE, "camera_optical_frame")
     assert info.distortion_model == "plumb_bob" and info.binning_x == 0
     points = np.random.default_rng(1).uniform([-0.3, -0.3, 0.7], [0.3, 0.3, 1.3], (20, 3))
@@ -83,82 +82,84 @@ def test_rosbags_reads_the_lens_from_camera_info(filmed, tmp_path: Path) -> None
     np.testing.assert_allclose(straight[:, :2] / straight[:, 2:], expected[:, 0])
 
 
-def test_the_mcap_reader_finds_the_lens_file(filmed, tmp_path: Path) -> None:
-    with record(tmp_path / "a.mcap", filmed[1][:1], lens()).open("rb") as file:
+def test_the_mcap_reader_finds_the_lens_file(track_run, tmp_path: Path) -> None:
+    with record(tmp_path / "a.mcap", track_run[1][:1], lens()).open("rb") as file:
         (kept,) = make_reader(file).iter_attachments()
     assert (kept.name, kept.media_type) == ("camera.json", "application/json")
     (tmp_path / "camera.json").write_bytes(kept.data)
     assert Lens.load(tmp_path / "camera.json") == lens()
 
 
-def test_a_camera_without_a_lens_file_is_not_calibrated(filmed, tmp_path: Path) -> None:
+def test_a_camera_without_a_lens_file_is_not_calibrated(track_run, tmp_path: Path) -> None:
     """As ROS has it: D, K, R and P zeroed out, and K[0] = 0 in particular."""
-    path = record(tmp_path / "a.mcap", filmed[1][:1])
+    path = record(tmp_path / "a.mcap", track_run[1][:1])
     (info,) = camera_info(path)
     assert (info.width, info.height) == SIZE
     assert not info.k.any() and not info.r.any() and not info.p.any() and not len(info.d)
-    assert camera_words(LoggedFrames(read_log(path))).startswith("not calibrated: no lens file")
+    assert describe_camera(LoggedFrames(read_log(path))).startswith("not calibrated: no lens file")
 
 
-def test_a_lens_of_another_size_is_refused(filmed, tmp_path: Path) -> None:
+def test_a_lens_of_another_size_is_refused(track_run, tmp_path: Path) -> None:
     with raises(InputError, "camera.other-size", match="640 x 480 pixels; found 320 x 240"):
-        record(tmp_path / "a.mcap", [filmed[1][0][::2, ::2]], lens())
+        record(tmp_path / "a.mcap", [track_run[1][0][::2, ::2]], lens())
 
 
-def test_the_plane_of_a_log_is_found_with_its_lens(filmed, tmp_path: Path) -> None:
-    camera, images = filmed
+def test_the_plane_of_a_log_is_found_with_its_lens(track_run, tmp_path: Path) -> None:
+    camera, images = track_run
     tags = {"tags.json": camera.board.to_json()}
     source = LoggedFrames(read_log(record(tmp_path / "a.mcap", images, lens(), tags)))
-    plane = recorded_plane(source)
+    plane = find_recorded_plane(source)
     again = calibrate_plane([image for _, image in source], camera.board, lens=lens())
     np.testing.assert_array_equal(plane.homography, again.homography)
-    bare = recorded_plane(LoggedFrames(read_log(record(tmp_path / "b.mcap", images, None, tags))))
+    bare = find_recorded_plane(LoggedFrames(read_log(record(tmp_path / "b.mcap", images, None, tags))))
     assert np.abs(plane.radial - bare.radial).max() > 1e-4
-    assert "calibrated at an unknown time, focal length 610.0 px, error 0.20 px" in camera_words(source)
-    assert plane_words(plane) == f"from the log's first frames, 10 tags within {plane.rms_px:.2f} px"
+    assert "calibrated at an unknown time, focal length 610.0 px, error 0.20 px" in describe_camera(source)
+    assert describe_plane(plane) == f"from the log's first frames, 10 tags within {plane.rms_px:.2f} px"
 
 
-def test_a_lens_of_another_camera_is_noticed(filmed, tmp_path: Path) -> None:
+def test_a_lens_of_another_camera_is_noticed(track_run, tmp_path: Path) -> None:
     """The tags bend otherwise: refused by `eldir calibrate plane`, left aside for a log, and said."""
-    camera, images = filmed
-    with raises(WrongLensError, "camera.wrong-lens", match="px off at the outermost tag"):
+    camera, images = track_run
+    with raises(WrongLensError, "camera.wrong-lens", match="px at the outermost tag"):
         calibrate_plane(images, camera.board, lens=lens(k1=-0.3))
     tags = {"tags.json": camera.board.to_json()}
-    plane = recorded_plane(LoggedFrames(read_log(record(tmp_path / "a.mcap", images, lens(k1=-0.3), tags))))
-    bare = recorded_plane(LoggedFrames(read_log(record(tmp_path / "b.mcap", images, None, tags))))
+    plane = find_recorded_plane(
+        LoggedFrames(read_log(record(tmp_path / "a.mcap", images, lens(k1=-0.3), tags)))
+    )
+    bare = find_recorded_plane(LoggedFrames(read_log(record(tmp_path / "b.mcap", images, None, tags))))
     np.testing.assert_array_equal(plane.homography, bare.homography)
     assert plane.provenance["remark"].startswith("camera.json is not used: the lens file belongs to another")
 
 
-def test_a_plane_kept_with_a_log_is_used_until_the_camera_moves(filmed, tmp_path: Path) -> None:
-    camera, images = filmed
-    made = valid_for(7)
+def test_a_plane_kept_with_a_log_is_used_until_the_camera_moves(track_run, tmp_path: Path) -> None:
+    camera, images = track_run
+    made = validity_period(7)
     kept = calibrate_plane(images[:3], camera.board, made)
     files = {"tags.json": camera.board.to_json(), "plane.json": kept.to_json()}
-    found = recorded_plane(LoggedFrames(read_log(record(tmp_path / "a.mcap", images, files=files))))
-    assert found == kept and plane_words(found).startswith(f"calibrated {made['made']}, 10 tags")
+    found = find_recorded_plane(LoggedFrames(read_log(record(tmp_path / "a.mcap", images, files=files))))
+    assert found == kept and describe_plane(found).startswith(f"calibrated {made['made']}, 10 tags")
     moved = [np.roll(image, 9, axis=1) for image in images]
-    found = recorded_plane(LoggedFrames(read_log(record(tmp_path / "b.mcap", moved, files=files))))
+    found = find_recorded_plane(LoggedFrames(read_log(record(tmp_path / "b.mcap", moved, files=files))))
     middle = np.array([0.1, 0.1])
     np.testing.assert_allclose(found.to_pixels(middle) - kept.to_pixels(middle), [9, 0], atol=0.3)
-    assert plane_words(found).startswith("from the log's first frames")
+    assert describe_plane(found).startswith("from the log's first frames")
     assert found.provenance["remark"].startswith("The camera had moved")
 
 
-def test_a_calibration_that_had_expired_is_refused(filmed, tmp_path: Path) -> None:
-    camera, images = filmed
+def test_a_calibration_that_had_expired_is_refused(track_run, tmp_path: Path) -> None:
+    camera, images = track_run
     old = datetime.now(UTC) - timedelta(days=1)
     stale = lens({"expires": old.isoformat()})
     epoch = round(1e9 * datetime.now(UTC).timestamp())
     path = record(tmp_path / "a.mcap", images[:1], stale, {"tags.json": camera.board.to_json()}, epoch)
     with raises(InputError, "camera.expired", match="camera.json in "):
-        recorded_plane(LoggedFrames(read_log(path)))
+        find_recorded_plane(LoggedFrames(read_log(path)))
     before = round(1e9 * (old - timedelta(days=1)).timestamp())
     path = record(tmp_path / "b.mcap", images, stale, {"tags.json": camera.board.to_json()}, before)
-    recorded_plane(LoggedFrames(read_log(path)))
+    find_recorded_plane(LoggedFrames(read_log(path)))
 
 
-def test_a_rig_names_its_cameras_files(filmed, tmp_path: Path) -> None:
+def test_a_rig_names_its_cameras_files(track_run, tmp_path: Path) -> None:
     lens().save(tmp_path / "camera.json")
     Plane(*SIZE, np.eye(3), [320, 240], [0, 0], 0.1).save(tmp_path / "plane.json")
     rig_path = tmp_path / "rig.yaml"
@@ -166,7 +167,7 @@ def test_a_rig_names_its_cameras_files(filmed, tmp_path: Path) -> None:
     def files(**camera: object) -> CameraFiles:
         values = yaml.safe_load(virtual_rig()) | {"camera": {"kind": "virtual", **camera}}
         rig_path.write_text(yaml.safe_dump(values))
-        return CameraFiles.of(Rig.load(rig_path), rig_path)
+        return CameraFiles.load(Rig.load(rig_path), rig_path)
 
     assert files() == CameraFiles()
     found = files(lens="camera.json", plane="plane.json")

@@ -14,21 +14,21 @@ from rosbags.highlevel import AnyReader
 from eldir.design import Design
 from eldir.errors import EldirError
 from eldir.lattice import Lattice
-from eldir_app.doctor.checks import examine
+from eldir_app.doctor import examine
 from eldir_calibration.comparison.recorded_run import LoggedRun
-from eldir_calibration.identification.meter_readings import meter_readings
+from eldir_calibration.identification.identification import read_meters
 from eldir_hardware.clock import WallClock
+from eldir_hardware.current_sensor import CHIPS
 from eldir_hardware.emulator.current_sensor import EmulatedCurrentSensor
 from eldir_hardware.guardian.measured_heat import CurrentFlowsError, require_no_current
 from eldir_hardware.log.reader import RunLog, read_log
 from eldir_hardware.log.recorder import Recorder
 from eldir_hardware.planning.compiler import compile_schedule
-from eldir_hardware.rig.boards import emulator_of
 from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.rig.devices import get_emulator
 from eldir_hardware.rig.template import virtual_rig
-from eldir_hardware.run.drive import drive_rig, without_heat
-from eldir_hardware.safety.schedule_digests import with_digests
-from eldir_hardware.sensor.chips import CHIPS
+from eldir_hardware.run.drive import drive_rig, to_dry_run
+from eldir_hardware.safety.compatibility import with_digests
 from eldir_hardware.virtual import rig as virtual_module
 from eldir_hardware.virtual.rig import VirtualRig
 from tests.eldir.random_design import make_design
@@ -110,7 +110,7 @@ def test_the_log_holds_the_measurement_that_ended_the_run(tmp_path, monkeypatch)
 
 def test_a_dry_run_emulates_the_sensor_too():
     rig = Rig.from_json(yaml.safe_load(virtual_rig()) | {"sensor": {"kind": "ina226", "port": "/dev/x"}})
-    assert without_heat(rig).sensor == rig.sensor.model_copy(update={"port": None})
+    assert to_dry_run(rig).sensor == rig.sensor.model_copy(update={"port": None})
 
 
 @pytest.mark.parametrize("kind", CHIPS)
@@ -120,9 +120,9 @@ def test_readings_are_those_of_the_hidden_springs(tmp_path, kind):
     log, rig, _ = driven(tmp_path, sensor=sensor, virtual={"seed": 7}, **MEASURED_WELL)
     design = Design.from_json(make_design(3, Lattice(3, 6)).to_json())
     schedule = SimpleNamespace()
-    found = meter_readings([LoggedRun(design, schedule, rig, log)])
+    found = read_meters([LoggedRun(design, schedule, rig, log)])
     with VirtualRig(rig, SimpleNamespace()) as virtual:
-        springs = virtual.springs._parameters
+        springs = virtual.springs.parameters
     amperes = np.mean([s.current(0.0) for s in springs])
     volts = np.mean([s.current(0.0) * s.resistance_at(0.0) for s in springs])
     assert found.current_a == pytest.approx(amperes, rel=3 * found.error)
@@ -132,17 +132,17 @@ def test_readings_are_those_of_the_hidden_springs(tmp_path, kind):
     )
     assert found.pulses == 4 and 0.006 < found.error < 0.012
     shared = rig.model_copy(update={"supply": rig.supply.model_copy(update={"outputs": "shared"})})
-    assert meter_readings([LoggedRun(design, schedule, shared, log)]) is None, "two faces heat together"
+    assert read_meters([LoggedRun(design, schedule, shared, log)]) is None, "two faces heat together"
     cold = replace(log, temperatures=log.temperatures - 40)
-    assert meter_readings([LoggedRun(design, schedule, rig, cold)]) is None
-    assert meter_readings([LoggedRun(design, schedule, rig.model_copy(update={"sensor": None}), log)]) is None
+    assert read_meters([LoggedRun(design, schedule, rig, cold)]) is None
+    assert read_meters([LoggedRun(design, schedule, rig.model_copy(update={"sensor": None}), log)]) is None
 
 
 @pytest.fixture
 def bench(tmp_path):
     """An emulated board and an emulated sensor, whose currents `flowing` sets, in a rig file of kind real."""
     flowing: dict[int, float] = {}
-    board = emulator_of("lcus")(4, WallClock())
+    board = get_emulator("lcus")(4, WallClock())
 
     def circuit(channel: int, t: float) -> tuple[float, float]:
         return flowing.get(channel, 0.0), flowing.get(channel, 0.0)

@@ -11,7 +11,7 @@ import pytest
 
 from eldir.errors import EldirError
 from eldir_hardware.log import background
-from eldir_hardware.log.background import PICTURES, BackgroundRecorder
+from eldir_hardware.log.background import MAX_PICTURES, BackgroundRecorder
 from eldir_hardware.log.reader import read_log
 from eldir_hardware.log.recorder import Recorder
 from tests.hardware.log.log_contents import EPOCH, NAMES, POSITIONS, picture
@@ -57,20 +57,20 @@ def test_pictures_are_left_out_before_tracks_and_counted(tmp_path: Path) -> None
     with BackgroundRecorder(stuck) as log:
         log.on_frame(0.0, picture(0))
         assert stuck.taken.wait(60)  # it is being written now, so to say
-        for i in range(1, 2 * PICTURES + 1):
+        for i in range(1, 2 * MAX_PICTURES + 1):
             log.on_frame(0.1 * i, picture(0))
             log.on_tracks(0.1 * i, NAMES, POSITIONS)
         assert not stuck.free.is_set(), "nobody waited for the disk"
         stuck.free.set()
-        assert log.dropped_pictures == PICTURES and log.dropped_others == 0
+        assert log.dropped_pictures == MAX_PICTURES and log.dropped_others == 0
     found = read_log(tmp_path / "a.mcap")
-    assert found.frame_count == 1 + PICTURES
-    assert found.tracks is not None and len(found.tracks.times) == 2 * PICTURES
+    assert found.frame_count == 1 + MAX_PICTURES
+    assert found.tracks is not None and len(found.tracks.times) == 2 * MAX_PICTURES
     assert [(name, text) for _, name, text in found.statuses] == [("log", "too slow")]
 
 
 def test_other_messages_are_bounded_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(background, "SMALL", 50)
+    monkeypatch.setattr(background, "MAX_MESSAGES", 50)
     stuck = Stuck(tmp_path / "a.mcap")
     with BackgroundRecorder(stuck) as log:
         log.on_frame(0.0, picture(0))

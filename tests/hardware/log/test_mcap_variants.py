@@ -18,8 +18,10 @@ from typer.testing import CliRunner
 from eldir.errors import InputError
 from eldir_app.application import application
 from eldir_hardware.log import messages as m
-from eldir_hardware.log.reader import contents, read_log
-from eldir_hardware.log.recover import Recovered, recover_log
+from eldir_hardware.log.mcap_file import read_contents
+from eldir_hardware.log.reader import read_log
+from eldir_hardware.log.recover import RecoveryReport, recover_log
+from tests.hardware.emulated_rigs import in_turn
 from tests.hardware.log.damaged_logs import messages, record
 from tests.raised import raises
 
@@ -51,6 +53,7 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "no chunks, checked": {"use_chunking": False, "enable_data_crcs": True},
 }  # fmt: skip
 UNCHECKED = ("no chunks", "no checksums", "nothing optional")
+RECOVERED = (*UNCHECKED, "lz4", "small chunks", "no summary")
 
 
 @pytest.fixture(scope="module")
@@ -98,17 +101,18 @@ def assert_same(log: Path, original: Path) -> None:
     assert after.tracks == before.tracks and after.statuses == before.statuses
     pairs = zip(after.pictures, before.pictures, strict=True)
     assert all(a[0] == b[0] and bytes(a[1]) == bytes(b[1]) for a, b in pairs)
-    assert {**contents(log).topics} == {**contents(original).topics}
-    assert contents(log).end_ns == contents(original).end_ns
+    assert {**read_contents(log).topics} == {**read_contents(original).topics}
+    assert read_contents(log).end_ns == read_contents(original).end_ns
 
 
-@pytest.mark.parametrize("backwards", [False, True], ids=["in order", "backwards"])
-@pytest.mark.parametrize("name", VARIANTS)
+@pytest.mark.parametrize(("name", "backwards"), in_turn([*VARIANTS], [False, True]))
 def test_a_log_that_leaves_out_optional_parts_is_read(original, tmp_path, name, backwards) -> None:
     assert_same(rewrite(original, tmp_path / "other.mcap", VARIANTS[name], backwards), original)
 
 
-@pytest.mark.parametrize("name", VARIANTS)
+@pytest.mark.parametrize(
+    "name", [n if n in RECOVERED else pytest.param(n, marks=pytest.mark.stress) for n in VARIANTS]
+)
 def test_it_is_recovered_and_foreign_readers_open_it(original, tmp_path, name) -> None:
     log = rewrite(original, tmp_path / "other.mcap", VARIANTS[name])
     out = tmp_path / "bag" / "log.mcap"
@@ -116,17 +120,25 @@ def test_it_is_recovered_and_foreign_readers_open_it(original, tmp_path, name) -
     assert CliRunner().invoke(application(), words).exit_code == 0
     assert_same(out, original)
     said = read_log(out).recovered
-    total = sum(contents(original).topics.values())
+    total = sum(read_contents(original).topics.values())
     unchecked = name in UNCHECKED
     assert said == (
         f"{total} messages could not be checked" if unchecked else "nothing missing before the end"
     )
     with AnyReader([out.parent]) as bag:
         counts = Counter(connection.topic for connection, _, raw in bag.messages())
-        assert counts == contents(original).topics
+        assert counts == read_contents(original).topics
 
 
-@pytest.mark.parametrize("name", ["no chunks", "small chunks", "nothing optional", "no checksums", "lz4"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "no chunks",
+        "small chunks",
+        "nothing optional",
+        *(pytest.param(n, marks=pytest.mark.stress) for n in ("no checksums", "lz4")),
+    ],
+)
 def test_cut_at_any_byte_it_holds_what_was_before(original, tmp_path, name) -> None:
     data = rewrite(original, tmp_path / "other.mcap", VARIANTS[name] | {"chunk_size": 2000}).read_bytes()
     every, cut = messages(original), tmp_path / "cut.mcap"
@@ -152,7 +164,7 @@ def test_damage_makes_nothing_up(original, tmp_path, name) -> None:
     data[middle : middle + 64] = np.random.default_rng(4).bytes(64)
     (tmp_path / "damaged.mcap").write_bytes(data)
     try:
-        found: Recovered | None = recover_log(tmp_path / "damaged.mcap", tmp_path / "log.mcap")
+        found: RecoveryReport | None = recover_log(tmp_path / "damaged.mcap", tmp_path / "log.mcap")
     except InputError:
         found = None
     if found is not None:

@@ -17,8 +17,8 @@ from rosbags.highlevel import AnyReader
 from eldir.errors import EldirError, InputError
 from eldir_app.catalogue.facts import read_facts
 from eldir_app.commands.recover import recover as recover_command
-from eldir_hardware.log.bag import log_in
-from eldir_hardware.log.reader import contents, read_log
+from eldir_hardware.log.mcap_file import find_log, read_contents
+from eldir_hardware.log.reader import read_log
 from eldir_hardware.log.recorder import Recorder
 from eldir_hardware.log.recover import recover_log
 from tests.hardware.log.damaged_logs import kill_and_recover, messages, record
@@ -179,7 +179,7 @@ def test_a_log_and_its_description_are_a_bag(whole: Path) -> None:
         assert qos["/marks"].reliability.name == "RELIABLE"
         assert reader.start_time == EPOCH and reader.duration == 11_900_000_001
     assert read_log(whole.parent).frame_count == 120
-    assert log_in(whole.parent) == whole
+    assert find_log(whole.parent) == whole
 
 
 def test_a_second_log_beside_leaves_the_bag_alone(tmp_path: Path) -> None:
@@ -265,7 +265,7 @@ def test_what_a_log_says_of_its_run_is_kept(tmp_path: Path) -> None:
     recover_log(tmp_path / "cut.mcap", tmp_path / "1" / "log.mcap")
     recover_log(tmp_path / "1" / "log.mcap", tmp_path / "2" / "log.mcap")
     for number in "12":
-        note = contents(tmp_path / number / "log.mcap").note
+        note = read_contents(tmp_path / number / "log.mcap").metadata
         assert note.items() >= facts.items()
         assert note["recovered"] == "nothing missing before the end" and note["epoch_ns"] == str(EPOCH)
     assert read_facts(tmp_path / "1" / "log.mcap").design == "3c"

@@ -6,9 +6,9 @@ import pytest
 from eldir.errors import EldirError
 from eldir_hardware.images import jpeg
 from eldir_hardware.log import background
+from eldir_hardware.log.background import CLOSING_DELAY, RunRecording
 from eldir_hardware.log.reader import read_log
 from eldir_hardware.log.recorder import Recorder
-from eldir_hardware.log.run_recording import AFTER, RunRecording
 from tests.hardware.log.log_contents import EPOCH, NAMES, POSITIONS, picture
 from tests.raised import raises
 
@@ -25,7 +25,7 @@ def path(tmp_path):
 
 
 def test_it_has_the_bytes_of_the_librarys_log(path, tmp_path, monkeypatch):
-    monkeypatch.setattr(background, "_SHOW", 60.0)  # else chunks end where the clock says
+    monkeypatch.setattr(background, "_FLUSH_INTERVAL", 60.0)  # else chunks end where the clock says
     with Recorder(tmp_path / "direct.mcap", CHANNELS, SPRINGS, EPOCH) as log:
         log.attach("schedule.json", b"{}")
         log.attach("rig.yaml", b"x: 1")
@@ -59,7 +59,7 @@ def test_only_what_belongs_to_the_run_is_written(path):
     recording.on_tracks(at(1.0), NAMES, POSITIONS)
     recording.on_tracks(at(1.1), NAMES, POSITIONS)
     recording.on_board(at(1.1), (False, False), (22.0, 22.0))
-    assert not recording.is_due(100.0 + AFTER) and recording.is_due(100.1 + AFTER)
+    assert not recording.is_due(100.0 + CLOSING_DELAY) and recording.is_due(100.1 + CLOSING_DELAY)
     recording.close(at(5.0), "not this")
     log = read_log(path)
     assert log.tracks is not None and log.frame_count == 2

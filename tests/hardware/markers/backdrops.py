@@ -29,17 +29,15 @@ def before(camera: VirtualCamera, reflectance: np.ndarray) -> VirtualCamera:
     """The same camera, with linear `reflectance` (H, W, 3), BGR, wherever there is no paper of a tag."""
     board = camera.board
     around = np.array([[-1, 1], [1, 1], [1, -1], [-1, -1]]) * 0.72 * board.side_m
-    paper = camera._coverage(board.centres[:, None] + around, (0, 0), camera._empty.shape[:2])[..., None]
-    camera._empty = (paper * camera._empty + (1 - paper) * reflectance).astype(np.float32)
-    blurred = cv2.GaussianBlur(camera._empty, (0, 0), camera._secrets.blur)
-    camera._developed = camera._develop(blurred, camera._secrets.light)
+    paper = camera.coverage(board.centres[:, None] + around, (0, 0), camera.background.shape[:2])[..., None]
+    camera.background = (paper * camera.background + (1 - paper) * reflectance).astype(np.float32)
     return camera
 
 
 def wood(camera: VirtualCamera, name: str, seed: int = 0) -> np.ndarray:
     """Planks with year rings, streaks and knots: linear reflectance, shape (H, W, 3), BGR."""
     rng = np.random.default_rng([seed, 0x300D])
-    x, y = np.moveaxis(camera._at.astype(np.float32), -1, 0).copy()
+    x, y = np.moveaxis(camera.pixel_positions.astype(np.float32), -1, 0).copy()
     plank = np.floor(y / 0.09)  # planks of 90 mm
     shift = np.sin(plank * 12.9898) * 0.5
     bend, knots = np.zeros_like(x), np.zeros_like(x)
@@ -61,7 +59,7 @@ def wood(camera: VirtualCamera, name: str, seed: int = 0) -> np.ndarray:
 def cloth(camera: VirtualCamera, name: str, seed: int = 0) -> np.ndarray:
     """A plain woven cloth with folds: linear reflectance, shape (H, W, 3), BGR."""
     rng = np.random.default_rng([seed, 0xC107])
-    x, y = np.moveaxis(camera._at, -1, 0)
+    x, y = np.moveaxis(camera.pixel_positions, -1, 0)
     folds = 1 + 0.2 * np.sin(2 * np.pi * (x / 0.21 + 0.3 * np.sin(5 * y)))
     weave = 1 + 0.1 * cv2.GaussianBlur(rng.normal(0, 1, x.shape), (0, 0), 0.8)
     return (np.array(CLOTHS[name][::-1]) / 255) ** 2.2 * (folds * weave)[..., None]

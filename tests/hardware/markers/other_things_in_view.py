@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from eldir_hardware.camera.plane import Image
-from eldir_hardware.markers.mark_sheet import PALETTE, nominal_bgr
+from eldir_hardware.markers.registration import PALETTE, nominal_bgr
 from eldir_hardware.vision.virtual_camera import VirtualCamera
 from tests.hardware.vision.walking_films import BODY, MARKED, SPACE, SPRINGS, cover, film, walk
 
@@ -22,34 +22,28 @@ def park(
     camera: VirtualCamera, body: np.ndarray, marked: np.ndarray = MARKED, names: tuple[str, ...] = ()
 ) -> VirtualCamera:
     """A second robot that stands still: masses at `body` (M, 2) [m], discs on the masses `marked`."""
-    camera._paint_body(camera._empty, (0, 0), body, SPRINGS)
+    camera.paint_body(camera.background, (0, 0), body, SPRINGS)
     for name, mass in zip(names or PALETTE, marked, strict=False):
-        camera._paint_marker(camera._empty, (0, 0), body[mass], name)
-    return develop(camera)
+        camera.paint_marker(camera.background, (0, 0), body[mass], name)
+    camera.background = camera.background  # develops it
+    return camera
 
 
 def add_cap(camera: VirtualCamera, name: str, place: np.ndarray, diameter: float = 0.0105) -> VirtualCamera:
     """The cap of a bottle with the colour of a marker, `diameter` [m] wide."""
     angle = np.linspace(0, 2 * np.pi, 60, endpoint=False)
     circle = np.asarray(place) + diameter / 2 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    cover = camera._coverage(circle[None], (0, 0), camera._empty.shape[:2])[..., None]
+    cover = camera.coverage(circle[None], (0, 0), camera.background.shape[:2])[..., None]
     ink = ((nominal_bgr(name) / 255) ** 2.2).astype(np.float32)
-    camera._empty += cover * (ink - camera._empty)
-    return develop(camera)
-
-
-def develop(camera: VirtualCamera) -> VirtualCamera:
-    """The same camera, after its background was painted."""
-    blurred = cv2.GaussianBlur(camera._empty, (0, 0), camera._secrets.blur)
-    camera._developed = camera._develop(blurred, camera._secrets.light)
+    camera.background += cover * (ink - camera.background)
     return camera
 
 
 def reflect(camera: VirtualCamera, image: Image, share: float) -> Image:
     """The picture before a table that reflects this share of the light."""
-    mirrored = camera._secrets.lens.to_pixels(camera._at * [1, -1]).astype(np.float32)
+    mirrored = camera.plane.to_pixels(camera.pixel_positions * [1, -1]).astype(np.float32)
     seen = cv2.remap(image, mirrored, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    table = (camera._at[..., 1] < 0)[..., None]
+    table = (camera.pixel_positions[..., 1] < 0)[..., None]
     return np.where(table, (1 - share) * image + share * seen, image).round().astype(np.uint8)
 
 
@@ -82,7 +76,7 @@ def disturbed_film(seed: int, count: int = 16) -> DisturbedFilm:
     words, alike = [], False
     for _ in range(rng.integers(0, 4)):
         name = str(rng.choice(list(PALETTE)))
-        place = np.array([rng.uniform(SPACE.x_from, SPACE.x_to), rng.uniform(0.01, SPACE.height)])
+        place = np.array([rng.uniform(SPACE.min_x, SPACE.max_x), rng.uniform(0.01, SPACE.height)])
         add_cap(camera, name, place, width := rng.uniform(0.008, 0.014))
         words.append(f"cap {name} {1e3 * width:.0f} mm at {place.round(3).tolist()}")
     if rng.random() < 0.2:

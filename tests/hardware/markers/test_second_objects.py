@@ -11,9 +11,9 @@ import pytest
 
 from eldir.errors import InputError
 from eldir_hardware.camera.plane import Image
-from eldir_hardware.camera.tags import calibrate_plane
+from eldir_hardware.camera.plane_fit import calibrate_plane
 from eldir_hardware.images import jpeg
-from eldir_hardware.vision.pipeline import TrackingResult, follow
+from eldir_hardware.vision.pipeline import TrackingResult, track_frames
 from eldir_hardware.vision.virtual_camera import VirtualCamera
 from tests.hardware.emulated_rigs import each_once
 from tests.hardware.markers.other_things_in_view import add_cap, disturbed_film, lamp, park, reflect, shifted
@@ -62,7 +62,7 @@ def a_camera() -> VirtualCamera:
 
 def watched(camera: VirtualCamera, frames: list[tuple[float, Image]]) -> TrackingResult:
     images = [(t, jpeg.decode(jpeg.encode(image))) for t, image in frames]
-    return follow(images, calibrate_plane([f for _, f in images[:4]], camera.board), NAMES, LAYOUT)
+    return track_frames(images, calibrate_plane([f for _, f in images[:4]], camera.board), NAMES, LAYOUT)
 
 
 def worst(found: TrackingResult, times: np.ndarray = FRAMES) -> float:
@@ -76,7 +76,7 @@ def test_other_things_are_no_markers(thing: str, light: str) -> None:
     found = watched(camera, [(t, LIGHTS[light](image)) for t, image in film(camera, FRAMES)])
     assert np.mean(found.quality.seen) > 0.97
     assert worst(found) < 1e-3
-    assert any("taken as no marker" in remark for remark in found.quality.remarks(NAMES))
+    assert any("are not tracked" in remark for remark in found.quality.remarks(NAMES))
 
 
 @pytest.mark.parametrize(("share", "light"), each_once([0.35, 0.25], [*LIGHTS]))
@@ -123,7 +123,7 @@ def test_a_disc_that_blends_with_ours_in_the_first_frame_is_told() -> None:
     found = disturbed_film(173)
     images = [(t, jpeg.decode(jpeg.encode(image))) for t, image in found.frames[:6]]
     plane = calibrate_plane([image for _, image in images], found.camera.board)
-    tracked = follow(images, plane, NAMES, LAYOUT)
+    tracked = track_frames(images, plane, NAMES, LAYOUT)
     off = np.linalg.norm(tracked.trajectory.positions[1:5] - found.truth[1:5], axis=-1)
     assert off[:, 2].max() > 1e-3, "otherwise the film shows nothing"
     assert off[:, [0, 1, 3, 4]].max() < 1e-3
@@ -136,7 +136,7 @@ def test_without_a_design_a_second_disc_of_a_colour_is_refused() -> None:
     frames = film(camera, FRAMES)
     plane = calibrate_plane([f for _, f in frames[:4]], camera.board)
     with raises(InputError, "marks.too-many", match=r"m3.* 0\.00 m and 0\.30 m.*--design"):
-        follow(frames, plane, NAMES)
+        track_frames(frames, plane, NAMES)
 
 
 def test_markers_far_from_the_design_are_told() -> None:

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from eldir_hardware.guardian.pulse_controller import PulseController
-from eldir_hardware.planning.precision import remark
-from eldir_hardware.relay.registration import kinds
+from eldir_hardware.planning.compiler import describe_precision
+from eldir_hardware.relay.registration import installed_kinds
 from eldir_hardware.virtual.rig import VirtualRig
 from tests.hardware.rigs_and_schedules import SCHEDULE, rig_with
 from tests.hardware.virtual.piston_and_observer import Piston
@@ -24,7 +24,7 @@ APART = {  # by which two contacts that are told at once close and open after on
 }
 
 
-@pytest.mark.parametrize("kind", kinds())
+@pytest.mark.parametrize("kind", installed_kinds())
 def test_edges_are_where_the_protocol_lets_them_be(kind):
     """Two contacts at once, their middle on time, at instants that fall anywhere between read-backs."""
     rng = np.random.default_rng(8)
@@ -44,7 +44,7 @@ def test_edges_are_where_the_protocol_lets_them_be(kind):
                 wanted += [(at, True), (at + length, False)]
                 at += length + rng.uniform(0.5, 1.5)
             bank.wait_until(at, lambda report: None)
-        edges = virtual.emulator.edges
+        edges = virtual.emulator.contact_events
     assert len(edges) == 2 * len(wanted)
     for (instant, closed), pair in zip(wanted, zip(edges[::2], edges[1::2], strict=True), strict=True):
         assert [e.closed for e in pair] == [closed, closed]
@@ -63,7 +63,7 @@ def test_what_closes_as_another_opens():
                 bank.heat(1.0, {1: 2.0})
                 bank.heat(3.0, {2: 1.0})
                 bank.wait_until(5.0, lambda report: None)
-            found = [(e.channel, e.closed, e.t) for e in virtual.emulator.edges]
+            found = [(e.channel, e.closed, e.t) for e in virtual.emulator.contact_events]
         assert [f[:2] for f in found] == [(1, True), (1, False), (2, True), (2, False)]
         assert found[2][2] - found[1][2] == pytest.approx((frames - 1) * 4 * BYTE, abs=1e-6)
         assert (found[1][2] + found[2][2]) / 2 == pytest.approx(3.0, abs=5e-4)
@@ -71,11 +71,11 @@ def test_what_closes_as_another_opens():
 
 def test_pulses_too_short_for_their_heat_are_named():
     """5.5 s are long enough for every board; a tenth of that is not where four contacts close one by one."""
-    assert remark(SCHEDULE, rig_with()) == ""
+    assert describe_precision(SCHEDULE, rig_with()) == ""
     events = tuple(sorted(replace(e, t_s=0.0 if e.on else 0.5) for e in SCHEDULE.events))
     short, modbus = replace(SCHEDULE, events=events), rig_with(board={"kind": "modbus"})
-    assert remark(short, rig_with()) == "" == remark(SCHEDULE, modbus)
+    assert describe_precision(short, rig_with()) == "" == describe_precision(SCHEDULE, modbus)
     assert (
         "is exact to 6 % only; 2 % need pulses of 1.5 s; contacts close up to 25 ms before or after"
-        in remark(short, modbus)
+        in describe_precision(short, modbus)
     )

@@ -18,9 +18,9 @@ from eldir.parameters.springs import SpringParameters
 from eldir_app.application import application
 from eldir_cad.kit.printer import load_printer
 from eldir_cad.kit.specification import load_specification
-from eldir_cad.multibody.model import multibody
+from eldir_cad.multibody.model import build_multibody
 from eldir_hardware.planning.compiler import compile_schedule
-from eldir_hardware.planning.model_export import INTERVAL, free_lengths_of
+from eldir_hardware.planning.model_export import ROW_INTERVAL, free_lengths
 from eldir_hardware.schedule import ActuationSchedule
 from eldir_hardware.virtual.mujoco_body import MujocoMotion
 from tests.eldir.random_design import make_design
@@ -81,10 +81,10 @@ def test_shapes_are_where_the_hubs_are(folder: Path) -> None:
 def test_the_runner_moves_the_robot_as_the_rig_does(folder: Path, schedule: ActuationSchedule) -> None:
     subprocess.run([sys.executable, "robot-run.py"], cwd=folder, check=True, capture_output=True)
     rows = np.loadtxt(folder / "robot-motion.csv", delimiter=",", skiprows=1)
-    model = multibody(DESIGN.morphology, load_specification(), load_printer("xip"))
+    model = build_multibody(DESIGN.morphology, load_specification(), load_printer("xip"))
     springs = SpringParameters()
     motion = MujocoMotion(model, (springs.cold_length, springs.hot_length))
-    motion.follow(free_lengths_of(schedule, springs, len(model.coils)), INTERVAL)
+    motion.follow(free_lengths(schedule, springs, len(model.coils)), ROW_INTERVAL)
     assert rows[-1, 0] == pytest.approx(schedule.duration)
     ended, expected = rows[-1, 1:].reshape(-1, 2), motion.positions
     # The shape to a few micrometres; where feet slip, the last digit of a length moves the whole by 0.3 mm.

@@ -15,12 +15,12 @@ from eldir.lattice import Lattice
 from eldir_app.commands.rig import rig as command
 from eldir_hardware.guardian.pulse_controller import PulseController
 from eldir_hardware.log.reader import read_log
-from eldir_hardware.planning.hold import SHORTEST, held, hold_schedule
+from eldir_hardware.planning.hold import MIN_PULSE, hold_schedule, hold_temperatures
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.supply import LimitError
 from eldir_hardware.rig.template import virtual_rig
 from eldir_hardware.run.player import Player
-from eldir_hardware.safety.schedule_digests import MismatchError, require_made_for
+from eldir_hardware.safety.compatibility import MismatchError, require_compatible
 from eldir_hardware.schedule import ActuationSchedule
 from eldir_hardware.virtual.rig import VirtualRig
 from tests.eldir.random_design import make_design
@@ -50,7 +50,7 @@ def test_springs_are_held_where_heat_and_loss_balance(board):
     with VirtualRig(rig, Piston()) as virtual:
         bank = PulseController(virtual.board, rig, virtual.clock)
         played = Player(bank, schedule, rig, virtual.clock, [notes]).play()
-        edges = [(e.t, e.closed) for e in virtual.emulator.edges if e.channel == 1]
+        edges = [(e.t, e.closed) for e in virtual.emulator.contact_events if e.channel == 1]
         assert not any(virtual.emulator.contacts)
     assert 90 <= schedule.cycles * schedule.period_s < 90 + schedule.period_s
     on = sum(off - start for (start, _), (off, _) in zip(edges[::2], edges[1::2], strict=True))
@@ -70,9 +70,9 @@ def test_what_is_foretold_lies_around_the_balance(power, stroke):
     """Of heat and loss, for springs whose resistance does not change; the ripple is that of one pulse."""
     rig = bench()
     usual = rig.spring_parameters()
-    found = held(hold_schedule(DESIGN, rig, power, 60.0), rig, usual)
+    found = hold_temperatures(hold_schedule(DESIGN, rig, power, 60.0), rig, usual)
     balance = usual.ambient + power * float(usual.power(0.0)) / usual.loss
-    assert found.least_c < balance < found.most_c < found.least_c + 8
+    assert found.min_c < balance < found.max_c < found.min_c + 8
     assert found.stroke == pytest.approx(stroke, abs=0.05)
 
 
@@ -85,7 +85,7 @@ def test_pulses_are_as_short_as_the_rig_allows(power, least_off, pulse, pause):
     found = {(p.channel, round(p.start, 3), round(p.length, 3)) for p in schedule.pulses()}
     assert found == {(1, 0.0, pulse), (2, 0.0, pulse)}
     assert schedule.period_s == pytest.approx(pulse + pause, abs=1e-3)
-    assert min(pulse, pause) >= SHORTEST
+    assert min(pulse, pause) >= MIN_PULSE
 
 
 def test_no_limit_is_left_out():
@@ -140,6 +140,6 @@ def test_a_user_holds_the_springs_of_a_virtual_rig(tmp_path: Path):
     assert read_log(tmp_path / "log.mcap").statuses[-1][2] == "played to the end"
     schedule = ActuationSchedule.load(tmp_path / "hold.json")
     with pytest.raises(MismatchError, match="other values in supply"):
-        require_made_for(schedule, bench(supply={"current_limit_a": 3.5}), None)
+        require_compatible(schedule, bench(supply={"current_limit_a": 3.5}), None)
     again = run("hold", *files, "--power", "0.3")
     assert again.exit_code != 0 and "exists already" in str(again.exception)

@@ -10,10 +10,10 @@ from eldir.built.samples import SampledWalks
 from eldir.lattice import Lattice
 from eldir_hardware.planning import plan as planning
 from eldir_hardware.planning.compiler import compile_schedule
-from eldir_hardware.planning.heat_preview import describe_walk, heat_figure, predicted_cycle
-from eldir_hardware.planning.timing import own_timing
+from eldir_hardware.planning.heat_prediction import describe_walk, draw_heat, predict_cycle
+from eldir_hardware.planning.plan import find_timing
 from eldir_hardware.rig.supply import LimitError
-from eldir_hardware.schedule_prediction import PredictedWalk, SchedulePrediction
+from eldir_hardware.schedule import PredictedWalk, SchedulePrediction
 from tests.eldir.random_design import make_design
 from tests.hardware.rigs_and_schedules import gait, rig_with
 from tests.raised import raises
@@ -30,7 +30,7 @@ def test_the_own_timing_uses_the_stroke_that_the_worst_corner_leaves(current, lo
         cutoff={"max_on_s": longest + 0.2},
     )
     springs = rig.spring_parameters()
-    period, duty = own_timing(springs, rig, 2)
+    period, duty = find_timing(springs, rig, 2)
     t = np.arange(round(4 * period / 0.05)) * 0.05
     history = HeatModel([springs]).run((t % period < duty * period)[:, None], 0.05)
     last, fraction = (x[t >= 3 * period, 0] for x in (history.temperature, history.martensite))
@@ -55,14 +55,14 @@ def test_springs_that_cool_for_minutes_are_refused_at_once():
 def test_the_current_budget_lengthens_the_period():
     """Four springs of 4 A: all at once with 16 A, one after another with 4."""
     springs = RIG.spring_parameters()
-    free, _ = own_timing(springs, RIG, 2)
-    bound, duty = own_timing(springs, rig_with(supply={"max_total_current_a": 4}), 2)
+    free, _ = find_timing(springs, RIG, 2)
+    bound, duty = find_timing(springs, rig_with(supply={"max_total_current_a": 4}), 2)
     assert bound >= free and bound >= 4 * duty * bound * 0.999
 
 
 def test_a_predicted_cycle_is_what_the_schedule_does():
     schedule = compile_schedule(gait(), RIG)
-    cycle = predicted_cycle(schedule, RIG)
+    cycle = predict_cycle(schedule, RIG)
     assert cycle.channels == (1, 2, 3, 4) and len(cycle.t_s) == 40
     temperature, length = np.array(cycle.temperature_c), np.array(cycle.length_mm)
     assert temperature.shape == length.shape == (4, 40)
@@ -72,7 +72,7 @@ def test_a_predicted_cycle_is_what_the_schedule_does():
     walk = {"mean": 0.5, "spread": 0.1, "probability_forward": 1.0, "samples": 16, "fell": 0}
     more = {"cycle": cycle.to_json(), "method": "search", "displacement": {"search": walk}}
     schedule = replace(schedule, predicted=SchedulePrediction.from_json(more))
-    assert heat_figure(schedule).startswith(b"\x89PNG")
+    assert draw_heat(schedule).startswith(b"\x89PNG")
 
 
 def test_how_many_fall_is_said():

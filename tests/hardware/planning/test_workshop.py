@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from eldir import defaults
 from eldir.built.gait import Gait
 from eldir.errors import InputError
-from eldir.evolution.printed import defaults
 from eldir_cad.checks.buildability import check
 from eldir_cad.kit.printer import load_printer
 from eldir_cad.kit.specification import load_specification
 from eldir_hardware.planning.compiler import compile_schedule
-from eldir_hardware.planning.workshop import allowed_timings, workshop
+from eldir_hardware.planning.workshop import allowed_timings, make_workshop
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.template import virtual_rig
 from eldir_hardware.safety.limits import LimitError
@@ -32,15 +32,15 @@ def template(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_the_default_times_of_heating_are_allowed_by_the_rig_of_the_template(template: Path) -> None:
     rig = Rig.load(template)
-    for period, heating in defaults.TIMINGS:
+    for period, heating in defaults.PRINTED_TIMINGS:
         for phase in (0.0, 0.5):  # both motors at once, too
             compile_schedule(Gait(period, np.array([0.0, phase]), np.full(2, heating / period)), rig)
 
 
 def test_without_a_rig_the_springs_are_those_of_the_template(template: Path) -> None:
-    usual, known = workshop(), workshop(template)
+    usual, known = make_workshop(), make_workshop(template)
     assert usual.springs.current(0.0) == pytest.approx(known.springs.current(0.0), rel=1e-3)
-    assert usual.printed == known.printed and usual.motors == known.motors == defaults.MOTORS
+    assert usual.printed == known.printed and usual.motors == known.motors == defaults.PRINTED_MOTORS
     assert set(usual.timings) <= set(known.timings)
 
 
@@ -55,16 +55,16 @@ def test_a_rig_with_tighter_limits_allows_less() -> None:
 
 
 def test_the_build_filter_refuses() -> None:
-    given = workshop()
+    given = make_workshop()
     printer = load_printer()
     for body in (design(*TOWER).morphology, design(*WHEEL).morphology):
         kinds = [
             v.kind for v in check(body, load_specification(), printer).violations if v.severity != "note"
         ]
-        assert given.refused(body) == (kinds[0] if kinds else "")
-    assert given.refused(design(*WHEEL).morphology)
+        assert given.rejection_reason(body) == (kinds[0] if kinds else "")
+    assert given.rejection_reason(design(*WHEEL).morphology)
 
 
 def test_a_missing_rig_is_named(tmp_path: Path) -> None:
     with raises(InputError, "file.missing", match=r"rig\.yaml"):
-        workshop(tmp_path / "rig.yaml")
+        make_workshop(tmp_path / "rig.yaml")

@@ -9,7 +9,7 @@ from eldir_hardware.clock import VirtualClock
 from eldir_hardware.relay import feedback, gd32, lcus, modbus, mosfet, numato, sainsmart
 from eldir_hardware.relay.errors import ContactError, GarbledReplyError, SilentBoardError
 from eldir_hardware.relay.line import SerialLine
-from eldir_hardware.rig.boards import driver_of, emulator_of
+from eldir_hardware.rig.devices import get_driver, get_emulator
 
 
 class Answer(NamedTuple):
@@ -70,8 +70,8 @@ class NoisyLine(SerialLine):
     def __init__(self, kind: str, channels: int, seed: int):
         self.url, self.bytes_written = "nowhere", 0
         self.sent_at = 0.0
-        self.emulated = emulator_of(kind)(channels, VirtualClock())
-        self.emulated._spend = lambda count: None  # type: ignore[method-assign]
+        self.emulated = get_emulator(kind)(channels, VirtualClock())
+        self.emulated._wait_wire_time = lambda count: None  # type: ignore[method-assign]
         self.damage_at = -1
         self._rng = np.random.default_rng(seed)
         self._asked = 0
@@ -79,26 +79,26 @@ class NoisyLine(SerialLine):
     def write(self, data: bytes) -> None:
         self._answer(data)
 
-    def ask(self, query: bytes, length: int) -> bytes:
+    def query(self, query: bytes, length: int) -> bytes:
         found = self._damaged(self._answer(query))[:length]
         if len(found) < length:
             raise (GarbledReplyError if found else SilentBoardError)("too few bytes")
         return found
 
-    def ask_until(self, query: bytes, end: bytes, most: int, late: object = None) -> bytes:
+    def query_until(self, query: bytes, end: bytes, most: int, late: object = None) -> bytes:
         found = self._damaged(self._answer(query))
         found = found[: found.find(end) + len(end)] if end in found else found
         if not found:
             raise SilentBoardError("no byte")
         return found[:most]
 
-    def ask_all(self, query: bytes, least: int, most: int) -> bytes:
+    def query_until_idle(self, query: bytes, least: int, most: int) -> bytes:
         found = self._damaged(self._answer(query))[: most + 40]
         if len(found) < least:
             raise (GarbledReplyError if found else SilentBoardError)("too few bytes")
         return found
 
-    def ask_each(self, queries: list[bytes], most: int) -> bytes:
+    def query_each(self, queries: list[bytes], most: int) -> bytes:
         return b"".join(self._damaged(self._answer(query)) for query in queries)
 
     def wire_time(self, count: int) -> float:
@@ -109,7 +109,7 @@ class NoisyLine(SerialLine):
 
     def _answer(self, query: bytes) -> bytes:
         answers: list[bytes] = []
-        self.emulated._answer = answers.append  # type: ignore[method-assign]
+        self.emulated.send_answer = answers.append  # type: ignore[method-assign]
         self.emulated._serve_requests(query)
         return b"".join(answers)
 
@@ -133,20 +133,20 @@ def believed_wrongly(kind: str, count: int, seed: int = 1) -> float:
     Raises what a driver raises beside its own errors.
     """
     line = NoisyLine(kind, 4, seed)
-    driver = driver_of(kind)(line, 4, VirtualClock())
+    driver = get_driver(kind)(line, 4, VirtualClock())
     wanted = (True, False, True, False)
     for channel, closed in enumerate(wanted, start=1):
         driver._command(channel, closed)
     line.begin(-1)
-    assert driver.states() == wanted
+    assert driver.read_states() == wanted
     line.begin(-1)
-    assert driver.states() == wanted, "it knows how many relays there are now"
+    assert driver.read_states() == wanted, "it knows how many relays there are now"
     questions = line.begin(-1)
     wrong = 0
     for i in range(count):
         line.begin(i % questions)
         try:
-            wrong += driver.states(attempts=1) != wanted
+            wrong += driver.read_states(attempts=1) != wanted
         except (GarbledReplyError, SilentBoardError, ContactError):  # the last: of a relay beyond these
             continue
     return wrong / count

@@ -11,13 +11,14 @@ import sys
 import termios
 import time
 from contextlib import contextmanager
+from itertools import product
 
 import pytest
 
-from eldir_hardware.relay.registration import kinds
-from eldir_hardware.rig.boards import driver_of
-from eldir_hardware.testing.powered_board import close_contacts
-from tests.hardware.emulated_rigs import each_once, emulated, heating_program, rig_file, wait
+from eldir_hardware.relay.registration import installed_kinds
+from eldir_hardware.rig.devices import get_driver
+from eldir_hardware.testing import close_contacts
+from tests.hardware.emulated_rigs import emulated, heating_program, rig_file, wait
 from tests.hardware.relay.held_serial_output import NUMBERS, HeldUart
 
 pytestmark = pytest.mark.skipif(platform.machine() not in NUMBERS, reason="of other system calls")
@@ -28,24 +29,37 @@ BUSY = 3.0  # start and end of a program of Python, on a busy computer [s]
 
 
 def suspend(board) -> None:
-    termios.tcflow(board._guest, termios.TCOOFF)
+    termios.tcflow(board.client_end, termios.TCOOFF)
 
 
 def xoff(board) -> None:
-    mode = termios.tcgetattr(board._guest)
+    mode = termios.tcgetattr(board.client_end)
     mode[0] |= termios.IXON
-    termios.tcsetattr(board._guest, termios.TCSANOW, mode)
-    os.write(board._host, b"\x13")
+    termios.tcsetattr(board.client_end, termios.TCSANOW, mode)
+    os.write(board._board_end, b"\x13")
+
+
+BOARDS = ("lcus", "modbus", "mosfet")
+"""Without a timer, with one, and with a heartbeat of its own; all write by way of the same module."""
+
+
+def in_brief(holds: list) -> list:
+    """All pairs of boards and holds; those but three are stress tests."""
+    brief = list(zip(BOARDS, holds, strict=True))
+    return [
+        pytest.param(*pair, marks=[] if pair in brief else pytest.mark.stress)
+        for pair in product(installed_kinds(), holds)
+    ]
 
 
 def heats_off_after(board, held_at: float) -> float:
     """When the last contact opened; none may have closed after the first that opened."""
-    first = next(i for i, edge in enumerate(board.edges) if not edge.closed)
-    assert not any(edge.closed for edge in board.edges[first:]), board.edges
-    return board.edges[-1].t - held_at
+    first = next(i for i, edge in enumerate(board.contact_events) if not edge.closed)
+    assert not any(edge.closed for edge in board.contact_events[first:]), board.contact_events
+    return board.contact_events[-1].t - held_at
 
 
-@pytest.mark.parametrize(("kind", "hold"), each_once(kinds(), [suspend, xoff, "queue"]))
+@pytest.mark.parametrize(("kind", "hold"), in_brief([suspend, xoff, "queue"]))
 def test_output_that_another_program_stopped_is_started_again(tmp_path, kind, hold):
     with emulated(kind) as board, HeldUart(board.port) as uart:
         rig = rig_file(tmp_path / "rig.yaml", kind, board.port)
@@ -55,20 +69,20 @@ def test_output_that_another_program_stopped_is_started_again(tmp_path, kind, ho
             uart.hold(restarts=True) if hold == "queue" else hold(board)
             _, told = program.communicate(timeout=15)
             took = time.monotonic() - held_at
-        assert "takes no more bytes" in told and "all contacts are open by the board's report" in told, told
+        assert "accepts no more bytes" in told and "all contacts are open by the board's report" in told, told
         assert not any(board.contacts) and heats_off_after(board, held_at) < OPENED
         assert took < SAID + BUSY
 
 
 @pytest.mark.parametrize(
     "kind",
-    [pytest.param(k, marks=[] if k in ("lcus", "modbus", "mosfet") else pytest.mark.stress) for k in kinds()],
+    [pytest.param(k, marks=[] if k in BOARDS else pytest.mark.stress) for k in installed_kinds()],
 )
 def test_a_device_that_takes_no_more_bytes_is_said_at_once(tmp_path, kind):
     """Nothing but the board's own timer and the cut-off opens the contacts: the words must not wait.
 
     Without a timer, with one, and with a heartbeat of its own. All boards write by way of
-    `eldir_hardware.serial_output`.
+    `eldir_hardware._serial_output`.
     """
     with emulated(kind) as board, HeldUart(board.port) as uart:
         rig = rig_file(tmp_path / "rig.yaml", kind, board.port)
@@ -77,15 +91,15 @@ def test_a_device_that_takes_no_more_bytes_is_said_at_once(tmp_path, kind):
             uart.hold(restarts=False)
             _, told = program.communicate(timeout=15)
             took = time.monotonic() - held_at
-        assert "takes no more bytes" in told and "cut the heating supply now" in told, told
+        assert "accepts no more bytes" in told and "cut the heating supply now" in told, told
         assert "all contacts are open" not in told
         assert took < SAID + BUSY
         assert uart.queue == b"", "what waited would close contacts later"
-        if driver_of(kind).times_pulses:
+        if get_driver(kind).times_pulses:
             assert wait(lambda: not any(board.contacts), 1.0)
 
 
-@pytest.mark.parametrize(("kind", "hold"), each_once(kinds(), [suspend, xoff, "queue"]))
+@pytest.mark.parametrize(("kind", "hold"), in_brief([suspend, xoff, "queue"]))
 def test_off_starts_stopped_output_again(kind, hold):
     with emulated(kind) as board, HeldUart(board.port) as uart, nobody_drives(board):
         before = uart.words if hold == "queue" else []
@@ -96,14 +110,17 @@ def test_off_starts_stopped_output_again(kind, hold):
         assert not any(board.contacts) and heats_off_after(board, began) < OPENED + BUSY
 
 
-@pytest.mark.parametrize("known", [*kinds(), None])
+@pytest.mark.parametrize(
+    "known",
+    [None, *(pytest.param(k, marks=[] if k == "mosfet" else pytest.mark.stress) for k in installed_kinds())],
+)
 def test_off_says_at_once_that_a_device_takes_nothing(known):
     with emulated(known or "lcus") as board, HeldUart(board.port) as uart, nobody_drives(board):
         uart.hold(restarts=False)
         began = time.monotonic()
         done = run_off(uart.words, board.port, *(["--board", known] if known else []))
         took = time.monotonic() - began
-        assert done.returncode == 1 and "takes no more bytes" in done.stdout, done
+        assert done.returncode == 1 and "accepts no more bytes" in done.stdout, done
         assert "cut the heating supply now" in done.stderr
         assert took < SAID + BUSY, done
 

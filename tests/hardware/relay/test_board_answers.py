@@ -4,7 +4,7 @@ import pytest
 
 from eldir_hardware.relay import feedback, gd32, lcus, modbus, numato, sainsmart
 from eldir_hardware.relay.errors import ContactError, GarbledReplyError
-from eldir_hardware.testing.powered_board import powered
+from eldir_hardware.testing import powered
 
 RTU = modbus.rtu_checksum
 
@@ -80,9 +80,9 @@ def test_sainsmart_coils_of_both_bytes():
 def test_an_echo_of_another_command_is_no_confirmation(kind, coil):
     """Such as of another coil, or of another state of the same coil."""
     with powered(kind) as p:
-        obey = p.emulated._obey
+        obey = p.emulated.obey
         other = modbus.rtu_request(5, coil, 0) if kind == "modbus" else sealed(5, 0, coil, 0, 0)
-        p.emulated._obey = lambda request: (obey(request), other)[1]
+        p.emulated.obey = lambda request: (obey(request), other)[1]
         with pytest.raises(GarbledReplyError, match="did not confirm a command"):
             p.board.send({2: True})
 
@@ -91,7 +91,7 @@ def test_an_echo_of_another_command_is_no_confirmation(kind, coil):
 def test_feedback_confirms_with_a_state_of_the_same_channel(answer):
     with powered("feedback") as p:
         other = bytes.fromhex(answer.ljust(8, "0"))
-        p.emulated._obey = lambda request: other
+        p.emulated.obey = lambda request: other
         with pytest.raises(GarbledReplyError, match="a0 01 00 a1 or a0 01 01 a2"):
             p.board.send({1: True})
 
@@ -131,12 +131,12 @@ def test_numato_answers(answer, command, least, value):
 @pytest.mark.parametrize(("relays", "closed", "refused"), [(8, 5, True), (8, 8, True), (8, 4, False)])
 def test_numato_reports_more_relays_than_the_rig_file_says(relays, closed, refused):
     with powered("numato", 4, relays) as p:
-        p.emulated._set_coil(closed, True)
+        p.emulated.set_coil(closed, True)
         if refused:
-            with pytest.raises(ContactError, match=f"contact {closed} is closed; the rig file says 4"):
-                p.board.states()
+            with pytest.raises(ContactError, match=f"contact {closed} is closed, but the rig file has 4"):
+                p.board.read_states()
         else:
-            assert p.board.states() == (False, False, False, True)
+            assert p.board.read_states() == (False, False, False, True)
 
 
 @pytest.mark.parametrize("channels", [1, 2, 8])

@@ -11,12 +11,12 @@ import pytest
 from eldir.errors import InputError
 from eldir_hardware.relay.board import RelayBoard
 from eldir_hardware.relay.errors import ContactError, GarbledReplyError, NotProvenOffError, SilentBoardError
-from eldir_hardware.relay.registration import kinds
-from eldir_hardware.rig.boards import driver_of
-from eldir_hardware.testing.powered_board import close_contacts, pass_time, powered
+from eldir_hardware.relay.registration import installed_kinds
+from eldir_hardware.rig.devices import get_driver
+from eldir_hardware.testing import close_contacts, pass_time, powered
 from tests.raised import raises
 
-KINDS = kinds()
+KINDS = installed_kinds()
 
 
 def a0(operation: int, channels: Iterable[int]) -> list[str]:
@@ -129,16 +129,16 @@ def test_contacts_move_when_the_driver_says(kind):
         p.board.all_off()
         p.board.send({1: False})  # behind an all-off the MOSFET board is told first that a run begins
         for changes in sets:
-            p.emulated.edges.clear()
+            p.emulated.contact_events.clear()
             pass_time(p, 1.0)
-            begun, told = p.clock.now(), p.board.delay(changes)
+            begun, told = p.clock.now(), p.board.switching_delay(changes)
             p.board.send(changes)
             p.clock.sleep_until(begun + 0.3)
-            times = sorted(e.t for e in p.emulated.edges)
+            times = sorted(e.t for e in p.emulated.contact_events)
             assert len(times) == len(changes)
             assert (times[0] + times[-1]) / 2 - begun == pytest.approx(told, abs=1e-9)
             begun = p.clock.now()
-            p.board.states()
+            p.board.read_states()
             # GD32 answers with a character less where a channel is closed, Numato ends earlier.
             assert p.board.report_time - 0.009 < p.clock.now() - begun <= p.board.report_time + 1e-9
 
@@ -148,19 +148,19 @@ def test_a_report_is_believed_after_settling_only(kind):
     """Counted from the command's last byte on the wire. A command that is repeated moves nothing: it does not
     put the report off."""
     with powered(kind) as p:
-        p.board.states()  # some boards are asked for their size once
+        p.board.read_states()  # some boards are asked for their size once
         begun, before = p.clock.now(), p.board.bytes_written
         p.board.send({1: True})
         on_the_wire = 10 * (p.board.bytes_written - before) / p.board.baud
         sent = max(p.clock.now(), begun + on_the_wire)  # some boards answer a command
-        assert p.board.settled_at == pytest.approx(sent + p.board.settling)
+        assert p.board.report_valid_at == pytest.approx(sent + p.board.settling)
         p.board.verify()
         assert p.clock.now() == pytest.approx(sent + p.board.settling + p.board.report_time, abs=0.009)
-        settled = p.board.settled_at
+        settled = p.board.report_valid_at
         p.board.send({1: True})
-        assert p.board.settled_at == settled
+        assert p.board.report_valid_at == settled
         p.board.send({1: True, 2: True})
-        assert p.board.settled_at > settled
+        assert p.board.report_valid_at > settled
 
 
 @pytest.mark.parametrize(("kind", "channel"), list(product(KINDS, (0, 5))))
@@ -174,16 +174,16 @@ def test_a_channel_that_the_board_lacks_moves_none(kind, channel):
 @pytest.mark.parametrize("kind", KINDS)
 def test_one_garbled_report_is_asked_again_and_two_are_an_error(kind):
     with powered(kind) as p:
-        p.spoilt.append("garbled")
-        assert p.board.states() == (False,) * 4
-        p.spoilt.extend(["garbled"] * 2)
+        p.answer_faults.append("garbled")
+        assert p.board.read_states() == (False,) * 4
+        p.answer_faults.extend(["garbled"] * 2)
         with pytest.raises(GarbledReplyError):
-            p.board.states()
-        assert not p.spoilt, "not asked a third time"
-        p.spoilt.append("silent")
+            p.board.read_states()
+        assert not p.answer_faults, "not asked a third time"
+        p.answer_faults.append("silent")
         with pytest.raises(SilentBoardError):
-            p.board.states()
-        assert not p.spoilt, "silence is waited out once"
+            p.board.read_states()
+        assert not p.answer_faults, "silence is waited out once"
 
 
 def times_sent(kind: str, frames: list[str], requests: list[bytes]) -> int:
@@ -203,14 +203,14 @@ def test_all_off_is_tried_four_times(kind, spoilt):
         p.board.send({1: True})
         p.clock.sleep_until(1.0)
         p.requests.clear()
-        p.spoilt.extend((["sound"] * answers + [spoilt]) * 3)
+        p.answer_faults.extend((["valid"] * answers + [spoilt]) * 3)
         p.board.all_off()
         assert times_sent(kind, frames, p.requests) == 4
         p.requests.clear()
-        p.spoilt.extend((["sound"] * min(answers, 4 if kind == "feedback" else 1) + [spoilt]) * 4)
+        p.answer_faults.extend((["valid"] * min(answers, 4 if kind == "feedback" else 1) + [spoilt]) * 4)
         with pytest.raises(NotProvenOffError, match="cut the heating supply now"):
             p.board.all_off()
-        assert times_sent(kind, known, p.requests) == 4 and not p.spoilt
+        assert times_sent(kind, known, p.requests) == 4 and not p.answer_faults
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -218,9 +218,9 @@ def test_a_contact_that_stays_closed_is_named(kind):
     with powered(kind) as p:
         p.board.switch({3: True})
         p.emulated.faults.deaf.add(3)
-        with pytest.raises(ContactError, match="channel 3 does not follow; expected open; found closed"):
+        with pytest.raises(ContactError, match="channel 3 did not switch; expected open; found closed"):
             p.board.switch({3: False})
-        with pytest.raises(NotProvenOffError, match="channel 3 does not follow"):
+        with pytest.raises(NotProvenOffError, match="channel 3 did not switch"):
             p.board.all_off()
 
 
@@ -283,7 +283,7 @@ def test_how_long_a_report_takes(kind, channels, seconds):
 
 
 def test_which_boards_time_pulses():
-    assert [kind for kind in BYTES if driver_of(kind).times_pulses] == ["modbus", "mosfet"]
+    assert [kind for kind in BYTES if get_driver(kind).times_pulses] == ["modbus", "mosfet"]
 
 
 @pytest.mark.parametrize(

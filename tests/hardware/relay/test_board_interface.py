@@ -4,26 +4,26 @@ import pytest
 
 from eldir_hardware.clock import VirtualClock
 from eldir_hardware.relay.errors import ContactError, GarbledReplyError, NotProvenOffError
-from eldir_hardware.relay.registration import board_of, kinds
-from eldir_hardware.rig.boards import driver_of
-from eldir_hardware.testing.powered_board import close_contacts, pass_time, powered
+from eldir_hardware.relay.registration import get_board, installed_kinds
+from eldir_hardware.rig.devices import get_driver
+from eldir_hardware.testing import close_contacts, pass_time, powered
 
-KINDS = kinds()
+KINDS = installed_kinds()
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_board_that_was_just_opened(kind):
     """Its report is valid at once, it has commanded nothing, and nothing was written."""
     with powered(kind) as p:
-        assert p.board.settled_at == p.clock.now() and p.board.bytes_written == 0
+        assert p.board.report_valid_at == p.clock.now() and p.board.bytes_written == 0
         close_contacts(p.emulated, [2])
         assert p.board.verify() == (False, True, False, False)
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_report_is_valid_within_a_tenth_of_a_second(kind):
-    """A contact that does not follow is seen that soon; the gate of a MOSFET follows at once."""
-    driver = driver_of(kind)
+    """A contact that did not switch is seen that soon; the gate of a MOSFET follows at once."""
+    driver = get_driver(kind)
     assert (0.05 if driver.contact_time else 0.0) <= driver.settling <= 0.1
 
 
@@ -39,7 +39,7 @@ def test_a_pulse_on_any_board(kind):
         assert p.emulated.contacts == (False, not timed, True, not timed)
         if timed:
             lengths = {}
-            for e in p.emulated.edges:
+            for e in p.emulated.contact_events:
                 lengths[e.channel] = lengths.get(e.channel, 0.0) + (-e.t if e.closed else e.t)
             tick = 1e-9 if kind == "modbus" else 1e-3
             assert lengths[2] == pytest.approx(0.3, abs=tick)
@@ -54,7 +54,7 @@ def test_all_off_proves_every_channel(kind, channel):
         p.board.send({channel: True})
         pass_time(p, 1.0)
         p.emulated.faults.deaf.add(channel)
-        with pytest.raises(NotProvenOffError, match=f"channel {channel} does not follow"):
+        with pytest.raises(NotProvenOffError, match=f"channel {channel} did not switch"):
             p.board.all_off()
 
 
@@ -63,7 +63,7 @@ def test_what_closes_by_itself_after_all_off_is_seen(kind):
     with powered(kind) as p:
         p.board.all_off()
         close_contacts(p.emulated, [1])
-        with pytest.raises(ContactError, match="channel 1 does not follow; expected open; found closed"):
+        with pytest.raises(ContactError, match="channel 1 did not switch; expected open; found closed"):
             p.board.verify()
 
 
@@ -71,7 +71,7 @@ def test_what_closes_by_itself_after_all_off_is_seen(kind):
 def test_closing_frees_the_port(kind):
     with powered(kind) as p:
         p.board.close()
-        driver_of(kind)(p.emulated.port, 4, VirtualClock()).close()
+        get_driver(kind)(p.emulated.port, 4, VirtualClock()).close()
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -85,15 +85,15 @@ def test_how_far_apart_contacts_close_that_open_as_one(kind):
         apart = [
             abs(a.t - b.t)
             for on in (True, False)
-            for a, b in [[e for e in p.emulated.edges if e.closed is on]]
+            for a, b in [[e for e in p.emulated.contact_events if e.closed is on]]
         ]
-        assert apart[0] - apart[1] == pytest.approx(p.board.closing_apart, abs=1e-9)
+        assert apart[0] - apart[1] == pytest.approx(p.board.closing_interval, abs=1e-9)
 
 
 def test_the_largest_board_of_each_kind():
     """By their pages; channel 15 of GD32 means every relay."""
     largest = {"lcus": 8, "gd32": 14, "feedback": 16, "modbus": 16, "numato": 16, "sainsmart": 16}
-    assert {kind: board_of(kind).most_channels for kind in largest} == largest
+    assert {kind: get_board(kind).max_channels for kind in largest} == largest
 
 
 @pytest.mark.parametrize(("late", "asked"), [(0.05, 2), (0.3, 1)])
@@ -109,5 +109,5 @@ def test_a_garbled_report_is_asked_for_again_unless_its_end_was_waited_for(monke
 
         monkeypatch.setattr(p.board, "_report", garbled)
         with pytest.raises(GarbledReplyError):
-            p.board.states()
+            p.board.read_states()
         assert len(times) == asked

@@ -11,8 +11,8 @@ import pytest
 from eldir_hardware.clock import VirtualClock, WallClock
 from eldir_hardware.relay.errors import BlockedPortError, GarbledReplyError, PortError, SilentBoardError
 from eldir_hardware.relay.line import SerialLine, _reason
-from eldir_hardware.relay.registration import kinds
-from eldir_hardware.testing.powered_board import powered
+from eldir_hardware.relay.registration import installed_kinds
+from eldir_hardware.testing import powered
 
 
 @contextmanager
@@ -51,11 +51,11 @@ def test_an_answer_may_take_its_wire_time_and_some_patience():
     with wired() as (line, _):
         begun = time.monotonic()
         with pytest.raises(SilentBoardError, match=r"did not answer; expected 10 bytes; found none"):
-            line.ask(b"?", 10)
+            line.query(b"?", 10)
         assert 0.2 <= time.monotonic() - begun < 0.8  # a busy machine included
         begun = time.monotonic()
         with pytest.raises(SilentBoardError, match=r"did not answer; expected bytes up to b'>'; found none"):
-            line.ask_until(b"?", b">", 10)
+            line.query_until(b"?", b">", 10)
         assert 0.2 <= time.monotonic() - begun < 0.8
 
 
@@ -69,12 +69,12 @@ def test_an_answer_of_known_length_is_whole_or_an_error(answer, found):
         line._port.reset_input_buffer = lambda: (drop(), os.write(host, answer))  # behind older bytes
         if found is None:
             silent = "did not answer; expected 5 bytes; found none; check its power"
-            other = "answered with too few bytes; expected 5 bytes; found 31 32 33 34; .* 9600 baud .* unit 1"
+            other = "is too short; expected 5 bytes; found 31 32 33 34; .* 9600 baud .* unit 1"
             error = GarbledReplyError if answer else SilentBoardError
             with pytest.raises(error, match=other if answer else silent):
-                line.ask(b"??", 5)
+                line.query(b"??", 5)
         else:
-            assert line.ask(b"??", 5) == found
+            assert line.query(b"??", 5) == found
             assert line._clock.now() == pytest.approx(7 * 10 / 9600), "question and answer on the wire"
 
 
@@ -87,22 +87,22 @@ def test_an_answer_up_to_its_end(answer, found):
         line._clock.patience = 0.05
         drop = line._port.reset_input_buffer
         line._port.reset_input_buffer = lambda: (drop(), os.write(host, answer))
-        assert line.ask_until(b"?", b">", 4) == found
+        assert line.query_until(b"?", b">", 4) == found
 
 
-@pytest.mark.parametrize("kind", kinds())
+@pytest.mark.parametrize("kind", installed_kinds())
 def test_stale_input_is_dropped(kind):
     """An answer that came too late, and reports contacts open: it must not pass for the present state."""
     with powered(kind) as p:
-        p.board.states()
+        p.board.read_states()
         answers: list[bytes] = []
-        answer = p.emulated._answer
-        p.emulated._answer = lambda data: (answers.append(data), answer(data))
-        p.board.states()
+        answer = p.emulated.send_answer
+        p.emulated.send_answer = lambda data: (answers.append(data), answer(data))
+        p.board.read_states()
         p.board.switch(dict.fromkeys(range(1, 5), True))
         for old in answers[: 4 if kind in ("feedback", "gd32") else 1]:
-            os.write(p.emulated._host, old)
-        assert p.board.states() == (True,) * 4
+            os.write(p.emulated._board_end, old)
+        assert p.board.read_states() == (True,) * 4
 
 
 def test_a_lost_port_is_said():
@@ -112,13 +112,13 @@ def test_a_lost_port_is_said():
             line.write(b"a")
         assert line.bytes_written == 0, "nothing was sent"
         with pytest.raises(PortError, match="was lost"):
-            line.ask(b"?", 1)
+            line.query(b"?", 1)
 
 
 def test_a_line_that_takes_nothing_is_blocked():
     """The other end stands still and its buffer is full: writing ends after the wire time and 0.2 s."""
     with wired() as (line, _):
-        with pytest.raises(BlockedPortError, match=r"takes no more bytes; cut the heating supply now"):
+        with pytest.raises(BlockedPortError, match=r"accepts no more bytes; cut the heating supply now"):
             for _ in range(10000):
                 begun = time.monotonic()
                 line.write(b"x" * 96)

@@ -11,11 +11,10 @@ from eldir_hardware.relay.feedback import FeedbackBoard
 from eldir_hardware.relay.lcus import LcusBoard, parse_report
 from eldir_hardware.relay.line import SerialLine
 from eldir_hardware.relay.numato import NumatoBoard, parse_answer
-from eldir_hardware.relay.off_frames import RecordedLine, off_bursts, off_frames
-from eldir_hardware.relay.registration import board_of
+from eldir_hardware.relay.registration import get_board
 from eldir_hardware.relay.sainsmart import parse_ascii_coils
-from eldir_hardware.testing.damaged_wire import wired
-from eldir_hardware.testing.powered_board import close_contacts, powered
+from eldir_hardware.safety.off_frames import RecordingLine, off_bursts, off_frames
+from eldir_hardware.testing import close_contacts, powered, wired
 from tests.hardware.emulated_rigs import emulated, run
 
 MOST = {"feedback": 16, "gd32": 14, "lcus": 8, "modbus": 16, "mosfet": 16, "numato": 16, "sainsmart": 16}
@@ -30,15 +29,15 @@ ALL = {
 
 @pytest.mark.parametrize("kind", MOST)
 def test_relays_of_the_largest_board(kind):
-    assert board_of(kind).most_channels == MOST[kind]
+    assert get_board(kind).max_channels == MOST[kind]
 
 
 @pytest.mark.parametrize("kind", ALL)
 def test_every_frame_that_opens_everything_goes_out_once(kind):
     for channels in (None, 1, MOST[kind]):
         assert off_frames(kind, channels) == b"".join(ALL[kind])
-    assert off_bursts([(kind, None)]) == [(b"".join(ALL[kind]), board_of(kind).driver.baud)]
-    assert off_bursts([(kind, 1), (kind, 2)]) == [(2 * b"".join(ALL[kind]), board_of(kind).driver.baud)] * 2
+    assert off_bursts([(kind, None)]) == [(b"".join(ALL[kind]), get_board(kind).driver.baud)]
+    assert off_bursts([(kind, 1), (kind, 2)]) == [(2 * b"".join(ALL[kind]), get_board(kind).driver.baud)] * 2
 
 
 def test_the_mask_of_a_modules_own_width_comes_first():
@@ -49,18 +48,18 @@ def test_the_mask_of_a_modules_own_width_comes_first():
 
 
 def test_a_recorded_line_answers_nothing_and_needs_no_port():
-    line = RecordedLine(9600)
+    line = RecordingLine(9600)
     line.write(b"ab")
     assert line._exchange(b"cd", 3, lambda: b"never asked") == b""
     with pytest.raises(SilentBoardError, match="the relay board at nowhere did not answer"):
-        line.ask(b"e", 1)
+        line.query(b"e", 1)
     assert line.frames == [b"ab", b"cd", b"e"] and line.written == b"abcde" and line.bytes_written == 5
     assert line.wire_time(96) == pytest.approx(0.1)
     line.close()
 
 
 def test_a_driver_that_fails_without_a_board_still_tells_its_frames(monkeypatch):
-    driver = board_of("lcus").driver
+    driver = get_board("lcus").driver
     command = driver._command_all_off
 
     def fails(self) -> None:
@@ -79,31 +78,31 @@ def test_echoes_that_come_late_do_not_spoil_a_report(answers):
     """As those of the frames that `eldir rig off` sends while the guardian asks."""
     emulated, board, _ = wired("numato", 4, 8)
     late = [b"relay writeall 00\n\r>", b"relay on 1\n\r>", b"relay off A\r\n\r>"]
-    deliver = emulated._deliver
+    deliver = emulated.deliver
 
     def first_others(answer: bytes) -> None:
-        emulated._deliver = deliver
+        emulated.deliver = deliver
         for k in range(answers):
             deliver(late[k % 3])
         deliver(answer)
 
-    emulated._deliver = first_others
-    assert board.states(attempts=1) == (False,) * 4
+    emulated.deliver = first_others
+    assert board.read_states(attempts=1) == (False,) * 4
 
 
 def test_whatever_else_comes_first_is_no_report():
     for other in (b"relay readall\n\r0\x00\n\r>", b"relay writeall 0g\n\r>", b"?relay on 1\n\r>", b"\n\r>"):
         emulated, board, _ = wired("numato", 4, 8)
-        deliver = emulated._deliver
+        deliver = emulated.deliver
 
         def first_other(answer: bytes, other=other, emulated=emulated, deliver=deliver) -> None:
-            emulated._deliver = deliver
+            emulated.deliver = deliver
             deliver(other)
             deliver(answer)
 
-        emulated._deliver = first_other
+        emulated.deliver = first_other
         with pytest.raises(GarbledReplyError):
-            board.states(attempts=1)
+            board.read_states(attempts=1)
 
 
 def test_the_value_of_another_command_is_no_echo():
@@ -111,7 +110,7 @@ def test_the_value_of_another_command_is_no_echo():
     emulated, board, _ = wired("numato", 4, 8)
     board.send({2: True})
     assert emulated.contacts[1]
-    emulated._obey = lambda request: b"relay readall\n\r00\n\r>"
+    emulated.obey = lambda request: b"relay readall\n\r00\n\r>"
     with pytest.raises(GarbledReplyError, match="expected its echo"):
         board.send({2: False})
 
@@ -147,18 +146,18 @@ def test_a_module_of_five_relays_may_have_two_digits():
         emulated, board, _ = wired("numato", channels, channels)
         emulated.digits = digits
         if sound:
-            assert board.states() == (False,) * channels
+            assert board.read_states() == (False,) * channels
         else:
             with pytest.raises(GarbledReplyError):
-                board.states(attempts=1)
+                board.read_states(attempts=1)
 
 
 @pytest.mark.parametrize("changes", [{1: True}, {1: False}, {1: True, 2: False}])
 def test_the_driver_knows_the_length_of_words_and_echoes(changes):
     with powered("numato") as p:
         echoes: list[bytes] = []
-        answer = p.emulated._answer
-        p.emulated._answer = lambda data: (echoes.append(data), answer(data))[1]
+        answer = p.emulated.send_answer
+        p.emulated.send_answer = lambda data: (echoes.append(data), answer(data))[1]
         frames = p.board._frames(changes)
         p.board.send(changes)
         assert frames == [(len(r), len(e)) for r, e in zip(p.requests, echoes, strict=True)]
@@ -168,11 +167,11 @@ def test_a_glance_is_one_report():
     for kind, one in (("lcus", [b"\xff"]), ("numato", [b"relay readall\r"])):
         with powered(kind, 4, 8) as p:
             assert p.board.reports_all_open() is True and p.requests == one
-            assert p.board._glance() == (False,) * 8
-            p.emulated._set_coil(7, True)
+            assert p.board._report_once() == (False,) * 8
+            p.emulated.set_coil(7, True)
             p.clock.sleep_until(1.0)
             assert p.board.reports_all_open() is False, "also beyond the rig file's four"
-            p.spoilt.append("silent")
+            p.answer_faults.append("silent")
             assert p.board.reports_all_open() is False
 
 
@@ -180,7 +179,7 @@ def test_a_glance_of_a_board_whose_report_has_one_size():
     for kind in ("feedback", "modbus", "sainsmart"):
         with powered(kind) as p:
             assert p.board.reports_all_open() is True
-            p.emulated._set_coil(2, True)
+            p.emulated.set_coil(2, True)
             p.clock.sleep_until(p.clock.now() + 1.0)
             assert p.board.reports_all_open() is False
 
@@ -191,16 +190,16 @@ def test_a_glance_of_a_board_whose_report_has_one_size():
 def test_reports_of_two_lengths_are_none():
     """One was cut short, and must not hide relays."""
     emulated, board, _ = wired("lcus", 4, 8)
-    whole, deliver = [], emulated._deliver
+    whole, deliver = [], emulated.deliver
 
     def cut(answer: bytes) -> None:
         whole.append(answer)
         deliver(answer[:40] if len(whole) == 1 else answer)
 
-    emulated._deliver = cut
+    emulated.deliver = cut
     with pytest.raises(GarbledReplyError, match="reports differ in length; expected 4 channels; found 8"):
-        board.states(attempts=1)
-    assert board.states() == (False,) * 4 and len(whole) == 4
+        board.read_states(attempts=1)
+    assert board.read_states() == (False,) * 4 and len(whole) == 4
     assert board.report_time == pytest.approx(81 * 10 / 9600), "now that it is known"
 
 
@@ -213,8 +212,8 @@ def test_a_report_is_read_to_its_end():
 
 
 def test_the_time_of_a_report_before_the_size_is_known():
-    assert LcusBoard(RecordedLine(9600), 4, VirtualClock()).report_time == pytest.approx(41 * 10 / 9600)
-    numato = NumatoBoard(RecordedLine(9600), 4, VirtualClock())
+    assert LcusBoard(RecordingLine(9600), 4, VirtualClock()).report_time == pytest.approx(41 * 10 / 9600)
+    numato = NumatoBoard(RecordingLine(9600), 4, VirtualClock())
     assert numato.report_time == pytest.approx((2 * 13 + 2 + 8) * 10 / 9600)
 
 
@@ -223,7 +222,7 @@ def test_the_time_of_a_report_before_the_size_is_known():
 
 @pytest.mark.parametrize(("relays", "answers"), [(0, 16), (4, 4), (16, 16)])
 def test_frames_leave_room_for_the_answers_that_may_come(relays, answers):
-    board = FeedbackBoard(RecordedLine(9600), 4, VirtualClock())
+    board = FeedbackBoard(RecordingLine(9600), 4, VirtualClock())
     board._relays = relays
     board._command_all_off()
     assert board._clock.now() == pytest.approx((16 + answers) * 4 * 10 / 9600)
@@ -234,14 +233,14 @@ def test_relays_beyond_the_rig_file_answer_in_order_or_prove_nothing():
     board.all_off()
     assert board._relays == 8
     emulated, board, _ = wired("feedback", 4, 8)
-    obey = emulated._obey
-    emulated._obey = lambda request: b"" if request == a0_frame(6, 5) else obey(request)
+    obey = emulated.obey
+    emulated.obey = lambda request: b"" if request == a0_frame(6, 5) else obey(request)
     with pytest.raises(RelayError):
         board._report_all()
     emulated, board, _ = wired("feedback", 4, 8)
     once = iter([b"junk"])
-    obey = emulated._obey
-    emulated._obey = lambda request: next(once, obey(request)) if request == a0_frame(6, 5) else obey(request)
+    obey = emulated.obey
+    emulated.obey = lambda request: next(once, obey(request)) if request == a0_frame(6, 5) else obey(request)
     with pytest.raises(GarbledReplyError, match="found 6a 75 6e 6b"):
         board._report_all()
 
@@ -288,12 +287,12 @@ def test_the_end_of_an_answer_is_noticed_by_a_pause():
     line = line_on(b"")
     for answer, reads in ((b"abc", [(2, 1)]), (b"ab", [(2, 1)]), (b"abcdefg", [(2, 1)])):
         line._port = Port(answer)
-        assert line.ask_all(b"?", 2, 5) == answer, "what is too long is not cut"
+        assert line.query_until_idle(b"?", 2, 5) == answer, "what is too long is not cut"
         assert [count for count, _ in line._port.reads] == [2, *[1] * (len(answer) - 1)], reads
         assert {t for _, t in line._port.reads[1:]} == {0.06}
     line._port = Port(b"a")
     with pytest.raises(GarbledReplyError, match="expected 2 bytes; found 61;"):
-        line.ask_all(b"?", 2, 5)
+        line.query_until_idle(b"?", 2, 5)
 
 
 def test_a_port_is_opened_exclusively_and_at_the_boards_speed(monkeypatch):
@@ -332,7 +331,7 @@ def test_one_channel_that_opens_gets_its_own_frame():
 def test_the_time_of_a_modbus_report(relays, length):
     with powered("modbus", 4, relays) as p:
         assert p.board.report_time == pytest.approx((8 + 6) * 10 / 9600), "before it is known"
-        p.board.states()
+        p.board.read_states()
         assert p.board.report_time == pytest.approx((8 + length) * 10 / 9600)
 
 
@@ -348,7 +347,7 @@ def test_digits_that_are_none(wrong):
 def test_a_mask_that_is_not_confirmed():
     with powered("sainsmart") as p:
         p.board.all_off()
-        p.emulated._obey = lambda request: b":FE0F0000000FE4\r\n"  # fifteen coils
+        p.emulated.obey = lambda request: b":FE0F0000000FE4\r\n"  # fifteen coils
         with pytest.raises(GarbledReplyError):
             p.board.send({1: True, 2: True, 3: True, 4: True})
 
@@ -358,7 +357,7 @@ def test_questions_that_may_have_no_answer_leave_time_for_it():
     line = line_on(b"abcdef")
     written: list[tuple[float, bytes]] = []
     line.write = lambda data: written.append((line._clock.now(), data))
-    assert line.ask_each([b"12", b"34", b"56"], 3) == b"abcdef"
+    assert line.query_each([b"12", b"34", b"56"], 3) == b"abcdef"
     assert written == [(0.0, b"12"), (0.0, b"34"), (pytest.approx(5 * 10 / 9600), b"56")]
     assert line._port.reads == [(9, 0.06)]
     assert line._clock.now() == pytest.approx(2 * 5 * 10 / 9600)
@@ -367,10 +366,10 @@ def test_questions_that_may_have_no_answer_leave_time_for_it():
 def test_behind_a_late_answer_one_more_is_read_and_no_other():
     late = {b"a>": True, b"b>": True}
     line = line_on(b"a>b>c>d>")
-    assert line.ask_until(b"?", b">", 9, lambda data: late.get(data, False)) == b"c>"
+    assert line.query_until(b"?", b">", 9, lambda data: late.get(data, False)) == b"c>"
     assert len(line._port.reads) == 3
     line = line_on(b"a>")
-    assert line.ask_until(b"?", b">", 9, lambda data: late.get(data, False)) == b"a>"
+    assert line.query_until(b"?", b">", 9, lambda data: late.get(data, False)) == b"a>"
     assert len(line._port.reads) == 2, "nothing follows"
 
 

@@ -9,20 +9,20 @@ from contextlib import contextmanager
 import pytest
 
 from eldir_hardware.clock import WallClock
+from eldir_hardware.current_sensor import CurrentSensor
 from eldir_hardware.emulator.board import EmulatedBoard
 from eldir_hardware.emulator.current_sensor import EmulatedCurrentSensor
 from eldir_hardware.relay.board import RunRequirements
 from eldir_hardware.relay.errors import SilentBoardError
-from eldir_hardware.relay.registration import kinds
-from eldir_hardware.rig.boards import driver_of, emulator_of
-from eldir_hardware.safety.unlocked_port import UnlockedPort
-from eldir_hardware.sensor.driver import CurrentSensor
+from eldir_hardware.relay.registration import installed_kinds
+from eldir_hardware.rig.devices import get_driver, get_emulator
+from eldir_hardware.safety.off_frames import UnlockedPort
 from tests.hardware.emulated_rigs import wait
 
 LINE, SENSOR, UNLOCKED = (
     "eldir_hardware.relay.line",
-    "eldir_hardware.sensor.driver",
-    "eldir_hardware.safety.unlocked_port",
+    "eldir_hardware.current_sensor",
+    "eldir_hardware.safety.off_frames",
 )
 
 
@@ -40,8 +40,8 @@ def recording(emulator: type[EmulatedBoard]) -> type[EmulatedBoard]:
             self.received += data[len(before) :]  # last: whoever sees them here sees their answers in `sent`
             return self._unserved
 
-        def _deliver(self, answer: bytes) -> None:
-            super()._deliver(answer)
+        def deliver(self, answer: bytes) -> None:
+            super().deliver(answer)
             self.sent += answer
 
     return Recording
@@ -71,17 +71,17 @@ def logged(log, way: str, port: str) -> bytes:
     return b"".join(bytes.fromhex(match[1]) for match in found if match)
 
 
-@pytest.mark.parametrize("kind", kinds())
+@pytest.mark.parametrize("kind", installed_kinds())
 def test_the_log_has_the_bytes_of_the_board(kind, log):
     channels = 4
-    with served(recording(emulator_of(kind))(channels, WallClock())) as board:
-        driver = driver_of(kind)(board.port, channels, WallClock())
+    with served(recording(get_emulator(kind))(channels, WallClock())) as board:
+        driver = get_driver(kind)(board.port, channels, WallClock())
         driver.check_limits(RunRequirements(5.0, 0.5, frozenset(range(1, channels + 1)), frozenset()))
         driver.all_off()
         driver.switch({1: True, 3: True})
         driver.switch({1: False})
         driver.all_off()
-        assert not any(board.contacts) and any(edge.closed for edge in board.edges)
+        assert not any(board.contacts) and any(edge.closed for edge in board.contact_events)
         assert wait(lambda: len(board.received) == driver.bytes_written)
         driver.close()  # an answer that nobody has read yet is logged too
         assert logged(log, "to", board.port) == board.received != b""
@@ -90,14 +90,14 @@ def test_the_log_has_the_bytes_of_the_board(kind, log):
 
 def test_answers_that_come_too_late_are_logged(log):
     """With the word that the driver did not take them."""
-    with served(recording(emulator_of("modbus"))(4, WallClock())) as board:
-        driver = driver_of("modbus")(board.port, 4, WallClock())
+    with served(recording(get_emulator("modbus"))(4, WallClock())) as board:
+        driver = get_driver("modbus")(board.port, 4, WallClock())
         board.faults.late = 0.6
         with pytest.raises(SilentBoardError):
-            driver.states()
+            driver.read_states()
         assert wait(lambda: board.sent != b"")
         board.faults.late = 0.0
-        driver.states()
+        driver.read_states()
         driver.close()
         late = logged(log, "dropped from", board.port)
         # The board notes an answer after it has sent it.
@@ -115,9 +115,9 @@ def test_the_log_has_the_bytes_of_the_sensor(log):
 
 
 def test_frames_past_the_lock_are_logged(log):
-    with served(recording(emulator_of("lcus"))(4, WallClock())) as board:
+    with served(recording(get_emulator("lcus"))(4, WallClock())) as board:
         port = UnlockedPort(board.port)
-        port.send(b"\xa0\x01\x00\xa1", 9600, held=False)
+        port.send(b"\xa0\x01\x00\xa1", 9600, is_held=False)
         port.close()
         board.wait_for_bytes(4)
         assert logged(log, "to", board.port) == board.received == b"\xa0\x01\x00\xa1"
@@ -125,8 +125,8 @@ def test_frames_past_the_lock_are_logged(log):
 
 
 def test_a_frame_of_text_is_shown_as_text_too(log):
-    with served(emulator_of("numato")(4, WallClock())) as board:
-        driver = driver_of("numato")(board.port, 4, WallClock())
+    with served(get_emulator("numato")(4, WallClock())) as board:
+        driver = get_driver("numato")(board.port, 4, WallClock())
         driver.send({1: True})
         driver.close()
         lines = [r.getMessage() for r in log.records if r.levelno == logging.DEBUG]
@@ -137,8 +137,8 @@ def test_a_frame_of_text_is_shown_as_text_too(log):
 
 def test_nothing_is_formatted_where_nobody_looks(caplog):
     caplog.set_level(logging.INFO, LINE)
-    with served(emulator_of("lcus")(4, WallClock())) as board:
-        driver = driver_of("lcus")(board.port, 4, WallClock())
+    with served(get_emulator("lcus")(4, WallClock())) as board:
+        driver = get_driver("lcus")(board.port, 4, WallClock())
         driver.all_off()
         driver.close()
         said = [r.getMessage() for r in caplog.records if r.name == LINE]

@@ -9,12 +9,12 @@ import pytest
 from eldir.errors import InputError
 from eldir_hardware.clock import VirtualClock
 from eldir_hardware.firmware.channel_limits import POWER_UP, ChannelLimits
-from eldir_hardware.firmware.protocol import LONGEST, Conversation, crc16
+from eldir_hardware.firmware.protocol import MAX_REQUEST, RequestHandler, crc16
 from eldir_hardware.relay.board import RunRequirements
 from eldir_hardware.relay.errors import ContactError, GarbledReplyError
 from eldir_hardware.relay.line import SerialLine
 from eldir_hardware.relay.mosfet import MosfetBoard
-from eldir_hardware.testing.powered_board import powered
+from eldir_hardware.testing import powered
 from tests.hardware.firmware.mosfet_host import (
     CHANNELS,
     DUTY,
@@ -52,24 +52,24 @@ def code(answer: bytes) -> str:
 
 def test_a_board_begins_with_everything_off_and_full_budgets():
     limits = ChannelLimits(CHANNELS, LONGEST_MS, DUTY, HEARTBEAT_MS, (3,), 0, POWER_UP)
-    assert limits.power == limits.left == [0] * CHANNELS and limits.mask() == 0
-    assert limits.why_off == [POWER_UP] * CHANNELS and limits.tripped == POWER_UP
+    assert limits.power == limits.remaining_ms == [0] * CHANNELS and limits.on_mask() == 0
+    assert limits.off_reason == [POWER_UP] * CHANNELS and limits.trip_reason == POWER_UP
     assert [limits.budget_percent(c) for c in range(CHANNELS)] == [0] * CHANNELS
-    assert limits.due_ms() == -1
+    assert limits.next_event_ms() == -1
 
 
 @pytest.mark.parametrize("power", [DUTY - 10, DUTY])
 def test_powers_up_to_the_duty_end_by_the_heartbeat_alone(power):
     board = begun()
     board.limits.switch(0, power, 0)
-    assert board.limits.due_ms() == HEARTBEAT_MS
+    assert board.limits.next_event_ms() == HEARTBEAT_MS
 
 
 def test_a_command_that_switches_off_what_is_off_leaves_no_time():
     board = begun()
     board.limits.switch(0, 100, 300)
     board.limits.switch(0, 0, 500)
-    assert (board.limits.power[0], board.limits.left[0], board.limits.why_off[0]) == (0, 0, "C")
+    assert (board.limits.power[0], board.limits.remaining_ms[0], board.limits.off_reason[0]) == (0, 0, "C")
 
 
 def test_why_a_channel_went_off():
@@ -118,7 +118,7 @@ def test_requests_that_are_wrong_are_answered_so(words):
 def test_lines_that_are_no_request_get_no_answer_and_are_no_heartbeat(line):
     board = begun()
     board.wait(HEARTBEAT_MS // 2)
-    assert answered(line, board) == b"" and board.limits._quiet >= HEARTBEAT_MS // 2
+    assert answered(line, board) == b"" and board.limits._silence_ms >= HEARTBEAT_MS // 2
 
 
 def test_the_number_of_a_request_is_that_of_its_answer_also_0():
@@ -127,7 +127,7 @@ def test_the_number_of_a_request_is_that_of_its_answer_also_0():
 
 
 def test_the_longest_request_takes_all_channels_of_the_largest_board():
-    assert len(frame(1, setting([(c, 100, 99_999) for c in range(1, 17)]))) < LONGEST
+    assert len(frame(1, setting([(c, 100, 99_999) for c in range(1, 17)]))) < MAX_REQUEST
 
 
 def test_a_setting_is_obeyed_whole_or_not_at_all():
@@ -136,7 +136,7 @@ def test_a_setting_is_obeyed_whole_or_not_at_all():
     for k, wrong in enumerate([(4, 100, 0), (0, 100, 0), (2, 101, 0)], 3):
         assert code(answered(setting([(1, 0, 0), wrong]), board, k)) == "V"
         assert board.limits.power[0] == 100
-    board.limits._spent[1] = board.limits._most
+    board.limits._spent[1] = board.limits._budget
     assert code(answered(setting([(1, 0, 0), (2, 100, 0)]), board, 6)) == "B"
     assert board.limits.power[0] == 100
     assert code(answered(setting([(1, 0, 0), (2, 0, 0)]), board, 7)) == "K"
@@ -146,7 +146,7 @@ def test_a_setting_is_obeyed_whole_or_not_at_all():
 def test_all_digits_of_a_time_count():
     board = begun()
     answered(setting([(1, DUTY, 12_345)]), board)
-    assert board.limits.left[0] == 12_345
+    assert board.limits.remaining_ms[0] == 12_345
 
 
 def test_a_board_that_has_tripped_takes_only_zeros():
@@ -159,13 +159,13 @@ def test_a_board_that_has_tripped_takes_only_zeros():
 def test_every_token_is_used_once():
     board = begun()
     limits = ChannelLimits(CHANNELS, LONGEST_MS, DUTY, HEARTBEAT_MS, (), 0, POWER_UP)
-    talk = Conversation(limits, 0x12345)
+    talk = RequestHandler(limits, 0x12345)
     told = talk.answer(frame(1, "ASK"), 0)[15:19]
     assert told == b"2345", "sixteen bits of it"
     assert code(talk.answer(frame(2, "BEGIN 02345"), 0)) == "X"
     assert code(talk.answer(frame(3, "BEGIN " + told.decode()), 0)) == "K"
     assert code(talk.answer(frame(4, "BEGIN " + told.decode()), 0)) == "X"
-    assert board.limits.tripped == "-" == limits.tripped
+    assert board.limits.trip_reason == "-" == limits.trip_reason
 
 
 # The driver.
@@ -179,7 +179,7 @@ class Scripted(SerialLine):
         self.further, self.given, self.tripped = further, given, tripped
         self.garbled = 0
 
-    def ask_until(self, query, end, most, late=None):
+    def query_until(self, query, end, most, late=None):
         assert end == b"\n"
         self.asked.append(query)
         if self.garbled:
@@ -199,29 +199,29 @@ def board_on(line: Scripted) -> MosfetBoard:
 @pytest.mark.parametrize(
     ("given", "why"),
     [
-        ("O", "the command is an old one"),
+        ("O", "its sequence number is old"),
         ("T", "everything is off until a new run begins"),
         ("B", "a channel has used up its heat budget"),
-        ("V", "the command has a wrong value or channel"),
-        ("X", "the board was reset meanwhile"),
+        ("V", "invalid value or channel"),
+        ("X", "the board was reset in the meantime"),
     ],
 )
 def test_every_refusal_is_told_with_its_reason(given, why):
     with pytest.raises(ContactError, match=f"the MOSFET board refuses ASK: {why};"):
-        board_on(Scripted(given=given)).states()
-    with pytest.raises(ContactError, match=f"{why}, as its program hung"):
-        board_on(Scripted(given=given, tripped="W")).states()
+        board_on(Scripted(given=given)).read_states()
+    with pytest.raises(ContactError, match=f"{why}, because its program hung"):
+        board_on(Scripted(given=given, tripped="W")).read_states()
 
 
 @pytest.mark.parametrize(
     ("letter", "why"),
     [
-        ("P", "it has been without power"),
-        ("W", "its program hung and the watchdog reset it"),
-        ("S", "no command came for too long"),
+        ("P", "its power was interrupted"),
+        ("W", "its program hung and was reset by the watchdog"),
+        ("S", "it received no command for too long"),
         ("B", "a channel used up its heat budget"),
         ("C", "it was commanded"),
-        ("T", "its time was over"),
+        ("T", "its time had ended"),
         ("?", "unknown"),
     ],
 )
@@ -238,18 +238,18 @@ def test_a_duty_of_just_what_the_board_allows_is_no_more(duty, allowed):
     if allowed:
         board_on(line).check_limits(terms)
     else:
-        with raises(InputError, "board.other-limits", match=r"the duty; expected 0\.07"):
+        with raises(InputError, "board.other-limits", match=r"this run: duty; expected 0\.07"):
             board_on(line).check_limits(terms)
 
 
 @pytest.mark.parametrize(
     ("limits", "message"),
     [
-        (" 2 08 06200 050 00400 0000", "the protocol's version; expected 1, as the board keeps it"),
-        (" 1 08 06199 050 00400 0000", r"the longest pulse; expected 6\.099 s, as"),
-        (" 1 08 06200 049 00400 0000", r"the duty; expected 0\.49, as"),
-        (" 1 03 06200 050 00400 0000", "the number of channels; expected 3, as"),
-        (" 1 08 06200 050 00399 0000", r"the heartbeat; expected 0\.399 s, as"),
+        (" 2 08 06200 050 00400 0000", "protocol's version; expected 1, the limit of the board"),
+        (" 1 08 06199 050 00400 0000", r"longest pulse; expected 6\.099 s, the"),
+        (" 1 08 06200 049 00400 0000", r"this run: duty; expected 0\.49, the"),
+        (" 1 03 06200 050 00400 0000", "number of channels; expected 3, the"),
+        (" 1 08 06200 050 00399 0000", r"heartbeat; expected 0\.399 s, the"),
     ],
 )
 def test_a_board_with_a_limit_just_too_tight_is_refused_with_its_name(limits, message):
@@ -274,7 +274,7 @@ def test_requests_are_numbered_from_1_to_ffff_and_again():
     board = board_on(line)
     board._sequence = 0xFFFE
     for _ in range(3):
-        board.states()
+        board.read_states()
     assert [query[:5] for query in line.asked] == [b":FFFF", b":0001", b":0002"]
 
 
@@ -331,7 +331,9 @@ def test_a_held_channel_that_goes_off_by_itself_is_noticed(power, on):
         assert p.board.verify()[0] is on
         p.emulated.reset()
         if on:
-            with pytest.raises(ContactError, match=r"relay channel 1 does not follow, as .* without power"):
+            with pytest.raises(
+                ContactError, match=r"relay channel 1 did not switch: the board .* its power was interrupted"
+            ):
                 p.board.verify()
         else:
             assert not any(p.board.verify())

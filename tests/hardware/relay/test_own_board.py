@@ -15,11 +15,11 @@ import pytest
 from eldir.errors import InputError
 from eldir_hardware.clock import WallClock
 from eldir_hardware.relay.errors import ContactError
-from eldir_hardware.relay.registration import GROUP, board_of, kinds
-from eldir_hardware.rig.boards import driver_of, emulator_of
+from eldir_hardware.relay.registration import GROUP, get_board, installed_kinds
 from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.rig.devices import get_driver, get_emulator
 from eldir_hardware.rig.template import virtual_rig
-from eldir_hardware.safety.schedule_digests import with_digests
+from eldir_hardware.safety.compatibility import with_digests
 from tests.hardware.emulated_rigs import rig_file
 from tests.hardware.relay.relay_answers import CHECKSUM, believed_wrongly
 from tests.hardware.rigs_and_schedules import SCHEDULE
@@ -61,7 +61,6 @@ def test_commands_know_it(installed: Path, tmp_path: Path) -> None:
     assert made.returncode == 0, made.stderr
     assert Rig.load(rig).board.kind == "toy"
     assert "\n  retriggerable:" not in rig.read_text(), "it does not time pulses"
-    assert "toy" in eldir("rig", "emulate", "--help").stdout
     examined = eldir("rig", "doctor", "--rig", rig, "--json")
     subjects = {f["subject"]: f for f in json.loads(examined.stdout)}
     assert "/dev/ttyUSB7" in subjects["port"]["text"], "as of any real board that is not there"
@@ -100,7 +99,8 @@ def test_it_drives_through_real_bytes(installed: Path, tmp_path: Path) -> None:
 def test_a_dry_run_emulates_it(installed: Path, tmp_path: Path) -> None:
     rig = tmp_path / "rig.yaml"
     rig.write_text(virtual_rig(board="toy").replace("camera: {kind: virtual, rate_hz: 10}\n", ""))
-    SCHEDULE.save(tmp_path / "schedule.json")
+    short = replace(SCHEDULE, conditioning_cycles=0, cycles=1)
+    with_digests(short, Rig.load(rig)).save(tmp_path / "schedule.json")
     driven = eldir(
         "rig", "drive", tmp_path / "schedule.json", "--rig", rig, "--log", tmp_path / "log.mcap", "--dry-run"
     )
@@ -115,7 +115,7 @@ def test_the_guardian_finds_what_only_its_parent_has_on_its_path(
 
     monkeypatch.delenv("PYTHONPATH")
     assert str(installed) not in os.environ.get("PYTHONPATH", "")
-    board = emulator_of("toy")(4, WallClock())
+    board = get_emulator("toy")(4, WallClock())
     rig = Rig.load(rig_file(tmp_path / "rig.yaml", "toy", board.start()))
     with Guardian(rig) as bank, bank.armed():
         assert bank.process
@@ -123,8 +123,8 @@ def test_the_guardian_finds_what_only_its_parent_has_on_its_path(
 
 
 def test_the_conformance_checks_hold_for_it(installed: Path) -> None:
-    assert "toy" in kinds() and driver_of("toy").__name__ == "ToyBoard"
-    assert board_of("toy").most_channels == 9
+    assert "toy" in installed_kinds() and get_driver("toy").__name__ == "ToyBoard"
+    assert get_board("toy").max_channels == 9
     assert believed_wrongly("toy", 2000) <= CHECKSUM
 
 
@@ -152,12 +152,12 @@ def test_the_tests_of_all_boards_run_on_it(installed: Path) -> None:
 
 
 def test_a_closed_relay_beyond_its_channels_is_seen(installed: Path) -> None:
-    emulated = emulator_of("toy")(8, WallClock())
-    board = driver_of("toy")(emulated.start(), 4, WallClock())
+    emulated = get_emulator("toy")(8, WallClock())
+    board = get_driver("toy")(emulated.start(), 4, WallClock())
     try:
-        emulated._set_coil(7, True)
-        with pytest.raises(ContactError, match="contact 7 is closed; the rig file says 4 channels"):
-            board.states()
+        emulated.set_coil(7, True)
+        with pytest.raises(ContactError, match="contact 7 is closed, but the rig file has 4 channels"):
+            board.read_states()
         board.all_off()
         assert emulated.contacts == (False,) * 8, "all-off opens it too"
     finally:
@@ -169,30 +169,30 @@ def test_a_closed_relay_beyond_its_channels_is_seen(installed: Path) -> None:
     ("kind", "said"),
     [
         ("broken", "broken .*no_such_module:BOARD.*ModuleNotFoundError"),
-        ("wrong", "wrong .*expected toy_board:ToyBoard to be"),
+        ("wrong", "relay board wrong; expected toy_board:ToyBoard to be"),
         ("raises", "raises .*raising_board:BOARD.*ZeroDivisionError"),
         ("exits", "exits .*exiting_board:BOARD.*SystemExit"),
     ],
 )
 def test_a_kind_that_is_broken_is_named(installed: Path, kind: str, said: str) -> None:
     with raises(InputError, "package.broken", match=said):
-        board_of(kind)
+        get_board(kind)
 
 
 def test_a_kind_that_is_not_there_is_named(installed: Path) -> None:
     said = "expected .*lcus.*toy.*; found 'nonsense'"
     with raises(InputError, "input.unknown-name", "kind of relay board", match=said):
-        board_of("nonsense")
+        get_board("nonsense")
 
 
 def test_no_package_replaces_a_board_of_eldir(installed: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A rig of this kind must still be switched off, wherever the package stands on the path."""
     monkeypatch.setattr(sys, "path", [*sys.path[1:], str(installed)])
-    assert driver_of("lcus").__module__ == "eldir_hardware.relay.lcus"
+    assert get_driver("lcus").__module__ == "eldir_hardware.relay.lcus"
 
 
 def test_a_rig_is_switched_off_beside_broken_packages(installed: Path, tmp_path: Path) -> None:
-    board = emulator_of("lcus")(4, WallClock())
+    board = get_emulator("lcus")(4, WallClock())
     rig = rig_file(tmp_path / "rig.yaml", "lcus", board.start())
     with (installed / "toy_board-1.0.dist-info" / "entry_points.txt").open("a") as points:
         points.write("[eldir.commands]\nbroken = raising_board:command\n")
@@ -213,9 +213,9 @@ def test_a_rig_is_switched_off_beside_broken_packages(installed: Path, tmp_path:
 def test_an_emulator_that_is_not_there_is_named(installed: Path) -> None:
     code = (installed / "toy_board.py").read_text().replace(":EmulatedToy", ":Nobody")
     (installed / "toy_board.py").write_text(code)
-    assert driver_of("toy")
+    assert get_driver("toy")
     with raises(InputError, "package.broken", match="toy .*toy_board:Nobody"):
-        emulator_of("toy")
+        get_emulator("toy")
 
 
 def test_too_many_channels_for_it(installed: Path) -> None:

@@ -82,10 +82,10 @@ def served(port: str, unit: int, framer: FramerType):
 def test_a_server_that_we_did_not_write_understands_us(driver, unit, framer):
     with linked_terminals() as (theirs, ours), served(theirs, unit, framer):
         board = driver(ours, 8, WallClock())
-        assert board.states() == (False,) * 8
+        assert board.read_states() == (False,) * 8
         assert board.switch({2: True, 8: True}) == (False, True) + (False,) * 5 + (True,)
         assert board.switch({2: False}) == (False,) * 7 + (True,)
         if driver is SainSmartBoard:  # RTU boards have an all-off coil of their own making
             board.all_off()
-            assert board.states() == (False,) * 8
+            assert board.read_states() == (False,) * 8
         board.close()

@@ -6,9 +6,15 @@ import sys
 from contextlib import contextmanager
 
 from eldir_hardware.relay.errors import PortError
-from eldir_hardware.rig.boards import open_board
 from eldir_hardware.rig.configuration import Rig
-from eldir_hardware.rig.port_holder import Guarded, guarded_ports, holder_of, lock_of, signal_holder
+from eldir_hardware.rig.devices import open_board
+from eldir_hardware.rig.port_holder import (
+    GuardedPort,
+    find_holder,
+    get_lock,
+    list_guarded_ports,
+    signal_holder,
+)
 from tests.hardware.emulated_rigs import emulated, rig_file, wait
 from tests.raised import raises
 
@@ -35,20 +41,20 @@ def program(code: str, *words: str):
 
 def test_the_emulator_and_others_that_have_it_open_do_not_drive():
     with emulated("lcus") as board, program(OPEN, board.port):
-        assert holder_of(board.port) is None
-    assert holder_of(board.port) is None, "a port that has gone"
+        assert find_holder(board.port) is None
+    assert find_holder(board.port) is None, "a port that has gone"
 
 
 def test_the_process_with_the_lock_drives(tmp_path):
     with emulated("lcus") as board:
         rig = Rig.load(rig_file(tmp_path / "rig.yaml", "lcus", board.port))
         with program(LOCK, board.port) as process:
-            holder = holder_of(board.port)
-            assert holder.process == process and not holder.stopped
+            holder = find_holder(board.port)
+            assert holder.process == process and not holder.suspended
             told = f"process {process} .*{board.port}"
             with raises(PortError, "board.port-in-use", match=told), open_board(rig):
                 pass
-        assert wait(lambda: holder_of(board.port) is None)
+        assert wait(lambda: find_holder(board.port) is None)
         with open_board(rig), raises(PortError, "board.port-in-use"), open_board(rig):
             pass
 
@@ -56,9 +62,9 @@ def test_the_process_with_the_lock_drives(tmp_path):
 def test_a_lock_that_a_child_has_inherited():
     """The kernel still names the process that took it; that number may be another process's by now."""
     with emulated("lcus") as board, program(LOCK, board.port, "child") as child:
-        assert wait(lambda: (holder_of(board.port) or (0,))[0] == child)
+        assert wait(lambda: (find_holder(board.port) or (0,))[0] == child)
         assert signal_holder(board.port, child, signal.SIGKILL)
-        assert wait(lambda: holder_of(board.port) is None)
+        assert wait(lambda: find_holder(board.port) is None)
 
 
 def test_not_a_holder_is_not_signalled():
@@ -84,9 +90,9 @@ def test_a_command_line_alone_makes_no_guardian():
     with emulated("lcus") as one, emulated("lcus") as two:
         words = ["eldir-guardian", "3", two.port, "gd32", "4", "/dev/link"]
         with program(LOCK.replace("sys.argv[1]", repr(one.port)), *words) as process:
-            assert holder_of(one.port).process == process
-            assert process not in [g.process for g in guarded_ports()]
+            assert find_holder(one.port).process == process
+            assert process not in [g.process for g in list_guarded_ports()]
         words[2] = one.port
         with program(LOCK.replace("sys.argv[1]", repr(one.port)), *words) as process:
-            (found,) = (g for g in guarded_ports() if g.process == process)
-            assert found == Guarded(process, one.port, "gd32", 4, "/dev/link", lock_of(one.port))
+            (found,) = (g for g in list_guarded_ports() if g.process == process)
+            assert found == GuardedPort(process, one.port, "gd32", 4, "/dev/link", get_lock(one.port))

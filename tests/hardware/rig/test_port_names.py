@@ -6,18 +6,18 @@ import yaml
 from eldir.errors import InputError
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.template import real_rig
-from eldir_hardware.safety.off_targets import off_targets
+from eldir_hardware.safety.off_targets import find_off_targets
 from tests.hardware.emulated_rigs import rig_file, run
 
 WRONG = {
     "": "the name of the port is empty",
     "  ": "the name of the port is empty",
-    "/dev/tty\0USB0": r"'/dev/tty\x00USB0' has characters that no port's name has",
-    "/dev/tty\nUSB0": r"'/dev/tty\nUSB0' has characters that no port's name has",
+    "/dev/tty\0USB0": r"invalid characters in the name of port '/dev/tty\x00USB0'",
+    "/dev/tty\nUSB0": r"invalid characters in the name of port '/dev/tty\nUSB0'",
     "/dev": "/dev is a folder",
-    "socket://host:1": "socket://host:1 is no serial port of this computer",
+    "socket://host:1": "socket://host:1 is not a serial port of this computer",
 }
-IN_A_FILE = WRONG | {"socket://host:1": "socket://hidden is no serial port of this computer"}
+IN_A_FILE = WRONG | {"socket://host:1": "socket://hidden is not a serial port of this computer"}
 """What a rig file has in a wrong place may be an address of `notify`."""
 
 
@@ -55,13 +55,13 @@ def test_no_command_takes_such_a_file(tmp_path, port, command):
 @pytest.mark.parametrize("port", WRONG)
 def test_off_takes_no_other_name(tmp_path, port):
     with pytest.raises(InputError) as caught:
-        off_targets(None, port, None, tmp_path)
+        find_off_targets(None, port, None, tmp_path)
     assert str(caught.value).startswith(f"{WRONG[port]}; expected a serial port")
 
 
 def test_off_leaves_out_the_names_of_a_file_that_are_no_ports(tmp_path):
     path = tmp_path / "rig.yaml"
     path.write_text("board:\n  port: /dev\n  kind: lcus\nother:\n  port: /dev/no-such-port\n")
-    targets, remarks = off_targets(path, None, None, tmp_path)
+    targets, remarks = find_off_targets(path, None, None, tmp_path)
     assert [target.port for target in targets] == ["/dev/no-such-port"]
     assert any(remark.startswith("/dev is a folder; expected a serial port") for remark in remarks)

@@ -14,7 +14,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from eldir_hardware.guardian import isolation
+from eldir_hardware._serial_output import BlockedOutputError
+from eldir_hardware.guardian import _connection as isolation
 from eldir_hardware.rig import board_identity, port_holder
 from eldir_hardware.rig.board_identity import (
     BoardIdentity,
@@ -22,9 +23,8 @@ from eldir_hardware.rig.board_identity import (
     is_gone_pseudo_terminal,
     is_pseudo_terminal,
 )
-from eldir_hardware.rig.port_holder import Guarded, Holder, guarded_ports, holder_of, signal_holder
-from eldir_hardware.safety.unlocked_port import UnlockedPort
-from eldir_hardware.serial_output import BlockedOutputError
+from eldir_hardware.rig.port_holder import GuardedPort, Holder, find_holder, list_guarded_ports, signal_holder
+from eldir_hardware.safety.off_frames import UnlockedPort
 from tests.paths import PACKAGES
 
 
@@ -38,7 +38,7 @@ def proc(tmp_path, monkeypatch):
 
 
 PORT = "/dev/null"
-DEVICE = port_holder._kernel_name(os.stat(PORT))
+DEVICE = port_holder._lock_name(os.stat(PORT))
 
 
 def locks(
@@ -64,8 +64,8 @@ def process(
 def test_the_process_whose_file_bears_the_lock(proc):
     locks(proc, 11)
     process(proc, 11)
-    assert holder_of(PORT) == Holder(11, os.getuid(), False)
-    assert holder_of("/dev/zero") is None and holder_of("/dev/no-such-port") is None
+    assert find_holder(PORT) == Holder(11, os.getuid(), False)
+    assert find_holder("/dev/zero") is None and find_holder("/dev/no-such-port") is None
 
 
 @pytest.mark.parametrize(
@@ -74,16 +74,16 @@ def test_the_process_whose_file_bears_the_lock(proc):
 def test_whether_the_holder_is_suspended(proc, state, stopped):
     locks(proc, 11)
     process(proc, 11, state=state)
-    assert holder_of(PORT).stopped is stopped
+    assert find_holder(PORT).suspended is stopped
 
 
 def test_a_holder_that_has_just_ended(proc, monkeypatch):
     locks(proc, 11)
     monkeypatch.setattr(port_holder, "_shows_lock", lambda *_: True)
-    assert holder_of(PORT) == Holder(11, None, False)
+    assert find_holder(PORT) == Holder(11, None, False)
     (proc / "11").mkdir()
     (proc / "11" / "stat").write_text("")
-    assert holder_of(PORT) == Holder(11, os.getuid(), False)
+    assert find_holder(PORT) == Holder(11, os.getuid(), False)
 
 
 @pytest.mark.parametrize(
@@ -98,16 +98,16 @@ def test_a_holder_that_has_just_ended(proc, monkeypatch):
 def test_a_process_without_the_lock_is_no_holder(proc, shows):
     locks(proc, 11)
     process(proc, 11, shows=shows)
-    assert holder_of(PORT) is None
+    assert find_holder(PORT) is None
 
 
 def test_locks_of_another_kind(proc):
     process(proc, 11)
     for more in ({"kind": "POSIX"}, {"mode": "READ"}, {"device": "00:00:1"}):
         locks(proc, 11, **more)
-        assert holder_of(PORT) is None
+        assert find_holder(PORT) is None
     (proc / "locks").unlink()
-    assert holder_of(PORT) is None
+    assert find_holder(PORT) is None
 
 
 def test_a_lock_that_another_process_has_inherited(proc):
@@ -115,7 +115,7 @@ def test_a_lock_that_another_process_has_inherited(proc):
     process(proc, 12, shows=None)
     process(proc, 13)
     (proc / "self").mkdir()
-    assert holder_of(PORT).process == 13
+    assert find_holder(PORT).process == 13
 
 
 def test_processes_whose_files_must_not_be_read(proc, monkeypatch):
@@ -125,9 +125,9 @@ def test_processes_whose_files_must_not_be_read(proc, monkeypatch):
         process(proc, number)
     proven: dict[int, bool | None] = {11: None, 12: None, 13: None}
     monkeypatch.setattr(port_holder, "_shows_lock", lambda number, device: proven[number])
-    assert holder_of(PORT).process == 11
+    assert find_holder(PORT).process == 11
     proven[13] = True
-    assert holder_of(PORT).process == 13
+    assert find_holder(PORT).process == 13
 
 
 def test_what_the_files_of_a_process_show(proc, monkeypatch):
@@ -150,29 +150,29 @@ def test_guardians_by_their_words_and_their_lock(proc):
     process(proc, 13, words=b"\0".join([*words[:6], b"four", *words[7:]]))
     process(proc, 14, words=b"eldir-guardian\0003\0")
     process(proc, 15, words=b"\xff\0" + b"\0".join(words))
-    found = Guarded(11, PORT, "lcus", 4, "/dev/link", DEVICE)
-    assert guarded_ports() == [found, found._replace(process=15)]
+    found = GuardedPort(11, PORT, "lcus", 4, "/dev/link", DEVICE)
+    assert list_guarded_ports() == [found, found._replace(process=15)]
 
 
 def test_a_guardian_whose_port_was_unplugged_is_known_by_the_lock_that_it_still_holds(proc, tmp_path):
     """The name has gone, or is another device's by now."""
     port = tmp_path / "ttyUSB0"
     port.touch()
-    handle, lock = os.open(port, os.O_RDWR), port_holder.lock_of(str(port))
+    handle, lock = os.open(port, os.O_RDWR), port_holder.get_lock(str(port))
     port.unlink()
     locks(proc, 11, device=lock)
     words = [b"eldir-guardian", b"3", str(port).encode(), b"lcus", b"4", b"/dev/link", b""]
     process(proc, 11, words=b"\0".join(words))
-    assert guarded_ports() == []
+    assert list_guarded_ports() == []
     (proc / "11" / "fd").mkdir()
     (proc / "11" / "fd" / "5").symlink_to(f"/proc/{os.getpid()}/fd/{handle}")
     shown = os.readlink
     readlink = lambda path: shown(f"/proc/self/fd/{handle}") if str(path).endswith("11/fd/5") else shown(path)  # noqa: E731
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(os, "readlink", readlink)
-        assert guarded_ports() == [Guarded(11, str(port), "lcus", 4, "/dev/link", lock)]
+        assert list_guarded_ports() == [GuardedPort(11, str(port), "lcus", 4, "/dev/link", lock)]
         port.touch()
-        assert guarded_ports() == [Guarded(11, str(port), "lcus", 4, "/dev/link", lock)]
+        assert list_guarded_ports() == [GuardedPort(11, str(port), "lcus", 4, "/dev/link", lock)]
     os.close(handle)
 
 
@@ -222,7 +222,7 @@ def test_the_bytes_and_the_mode_of_a_free_port(baud):
     """Raw: no byte is changed, added or echoed. An unknown speed is 9600."""
     with terminal() as (host, name):
         port = UnlockedPort(name)
-        port.send(b"\n\r\x03\x11\xff", baud, held=False)
+        port.send(b"\n\r\x03\x11\xff", baud, is_held=False)
         assert os.read(host, 100) == b"\n\r\x03\x11\xff"
         found = mode_of(name)
         speed = getattr(termios, f"B{baud}", termios.B9600)
@@ -239,13 +239,13 @@ def test_the_mode_of_a_port_that_another_program_holds_is_left(monkeypatch):
         port = UnlockedPort(name)
         assert os.get_blocking(port._handle) is False
         assert fcntl.fcntl(port._handle, fcntl.F_GETFD) == fcntl.FD_CLOEXEC
-        port.send(b"off", 115200, held=True)
+        port.send(b"off", 115200, is_held=True)
         before[0] &= ~(termios.IXON | termios.IXOFF | termios.IXANY)  # any byte of a board could stop it
         assert mode_of(name) == before and os.read(host, 100) == b"off"
-        port.send(b"", 9600, held=False)
+        port.send(b"", 9600, is_held=False)
         calls = []
         monkeypatch.setattr(termios, "tcsetattr", lambda *_: calls.append("set"))
-        port.send(b"", 9600, held=False)
+        port.send(b"", 9600, is_held=False)
         assert calls == [], "it is as it should be already"
         port.close()
         with pytest.raises(OSError, match="Bad file descriptor"):
@@ -266,11 +266,11 @@ def test_a_port_that_takes_few_bytes_at_a_time_or_none(monkeypatch):
         port = UnlockedPort(name)
         with monkeypatch.context() as patch:
             patch.setattr(os, "write", write)
-            port.send(b"abcdef", 9600, held=True)
+            port.send(b"abcdef", 9600, is_held=True)
             assert written == [b"ab", b"cd", b"ef"]
             begun = time.monotonic()
-            with pytest.raises(BlockedOutputError, match="takes no more bytes"):
-                port.send(bytes(96), 9600, held=True)
+            with pytest.raises(BlockedOutputError, match="accepts no more bytes"):
+                port.send(bytes(96), 9600, is_held=True)
             assert 0.3 <= time.monotonic() - begun < 0.8
         port.close()
 
@@ -285,14 +285,14 @@ def test_a_port_that_is_lost_while_it_is_written(monkeypatch):
 
         with monkeypatch.context() as patch:
             patch.setattr(os, "write", lost)
-            port.send(b"abc", 9600, held=True)
+            port.send(b"abc", 9600, is_held=True)
         port.close()
 
 
 def test_files_that_are_no_serial_ports(tmp_path):
     before = len(os.listdir("/proc/self/fd"))
     for name in (PORT, str(tmp_path)):
-        with pytest.raises(OSError, match="it is no serial port") as caught:
+        with pytest.raises(OSError, match="it is not a serial port") as caught:
             UnlockedPort(name)
         assert caught.value.errno == errno.ENOTTY
     assert len(os.listdir("/proc/self/fd")) == before
@@ -354,13 +354,13 @@ def test_what_one_device_proves_of_another(one, other, same):
         BoardIdentity("/dev/ttyUSB70", frozenset(one)),
         BoardIdentity("/dev/ttyUSB71", frozenset(other)),
     )
-    assert one.same_device(other) is same and other.same_device(one) is same
+    assert one.is_same_device(other) is same and other.is_same_device(one) is same
 
 
 def test_where_a_device_is_now(tmp_path, monkeypatch):
     """By its name, its links, or any tty: there where most of its marks are."""
     marks = {"/dev/null": {"path:1"}, "/dev/zero": {"path:2", USB.format(1)}, "/dev/full": {"path:3"}}
-    monkeypatch.setattr(board_identity, "ports", lambda: ["/dev/full", "/dev/zero"])
+    monkeypatch.setattr(board_identity, "list_ports", lambda: ["/dev/full", "/dev/zero"])
     monkeypatch.setattr(
         board_identity, "identify", lambda port: BoardIdentity(port, frozenset(marks.get(port, set())))
     )
@@ -374,7 +374,7 @@ def test_where_a_device_is_now(tmp_path, monkeypatch):
     marks["/dev/full"] = {"path:4", USB.format(1)}
     assert where("path:2", USB.format(1)) == "/dev/zero" and where("path:4", USB.format(1)) == "/dev/full"
     twin = BoardIdentity("/dev/full", frozenset({"path:4", USB.format(1)}))
-    assert not BoardIdentity("/dev/zero", frozenset({"path:2", USB.format(1)})).same_device(twin), (
+    assert not BoardIdentity("/dev/zero", frozenset({"path:2", USB.format(1)})).is_same_device(twin), (
         "boards of one type may have the same number"
     )
     link = tmp_path / "by-path"
@@ -390,9 +390,9 @@ def test_serial_ports_that_have_hardware(tmp_path, monkeypatch):
         (tmp_path / name / "device").mkdir()
     assert Path("/sys/class/tty") == board_identity._TTYS
     monkeypatch.setattr(board_identity, "_TTYS", tmp_path)
-    assert sorted(board_identity.ports()) == ["/dev/ttyS0", "/dev/ttyUSB0"]
+    assert sorted(board_identity.list_ports()) == ["/dev/ttyS0", "/dev/ttyUSB0"]
     monkeypatch.setattr(board_identity, "_TTYS", tmp_path / "none")
-    assert board_identity.ports() == []
+    assert board_identity.list_ports() == []
 
 
 def test_pseudo_terminals():
@@ -440,8 +440,8 @@ def test_a_usb_adapter_by_the_place_of_its_socket_and_its_numbers(tmp_path):
 def test_texts_of_the_kernel_are_short_text_or_nothing(tmp_path):
     for data, text in ((b" a b \n", "a b"), (b"\xff", ""), (b"x" * 300, "x" * 200)):
         (tmp_path / "file").write_bytes(data)
-        assert board_identity._text(tmp_path / "file") == text
-    assert board_identity._text(tmp_path / "none") == ""
+        assert board_identity._read_text(tmp_path / "file") == text
+    assert board_identity._read_text(tmp_path / "none") == ""
 
 
 # What the guardian takes from this program.

@@ -5,17 +5,17 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
-from eldir.parameters.still_air import forced_convection, least_coefficient
+from eldir.parameters.springs import forced_convection, min_heat_transfer_coefficient
 from eldir_app.commands.rig import rig as rig_commands
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.supply import (
     LimitError,
     check_current,
     coldest_springs,
-    implausible_springs,
-    settled_in_still_air,
-    shared_on,
-    shares,
+    find_implausible_springs,
+    power_shares,
+    scale_by_shares,
+    steady_temperature_in_still_air,
     worst_springs,
 )
 from eldir_hardware.safety.limits import check_schedule
@@ -77,8 +77,8 @@ def test_the_two_corners_of_the_tolerances(current, less_heats_more):
 def test_still_air_that_was_not_measured_takes_the_least_heat():
     """From 10 K above the hottest air on: hotter springs lose more."""
     worst = worst_springs(rig_with())
-    assert worst.convection_still == pytest.approx(least_coefficient(worst, 40.0))
-    assert worst.convection_still < least_coefficient(worst, 60.0)
+    assert worst.convection_still == pytest.approx(min_heat_transfer_coefficient(worst, 40.0))
+    assert worst.convection_still < min_heat_transfer_coefficient(worst, 60.0)
 
 
 @pytest.mark.parametrize("current", [1.0, 4.0, 8.0, 10.0, 10.4, 10.6, 10.8, 11.2, 12.0, 30.0])
@@ -110,8 +110,8 @@ def test_a_fan_counts_only_if_hardware_cuts_the_supply_without_it(fan, blows):
 
 def test_with_an_output_for_each_every_spring_has_its_own_heat():
     rig = rig_of("each")
-    assert shares(rig, rig.spring_parameters()).tolist() == [1.0] * 5
-    assert shares(rig, worst_springs(rig), worst=True).tolist() == [1.0] * 5
+    assert power_shares(rig, rig.spring_parameters()).tolist() == [1.0] * 5
+    assert power_shares(rig, worst_springs(rig), worst=True).tolist() == [1.0] * 5
 
 
 @pytest.mark.parametrize("current", [2.0, 4.0, 20.0, 48.0])
@@ -121,7 +121,7 @@ def test_equal_springs_on_one_output_share_its_current(current):
     springs = rig.spring_parameters()
     resistance, lead = float(springs.resistance), 0.05
     alone = float(springs.power(HOT))
-    for n, part in enumerate(shares(rig, springs)):
+    for n, part in enumerate(power_shares(rig, springs)):
         flowing = min(V / (resistance + lead), current / max(n, 1))
         assert part == pytest.approx(min(flowing**2 * resistance / alone, 1.0), rel=1e-6)
 
@@ -134,7 +134,7 @@ def test_springs_that_the_voltage_limits_take_their_whole_heat_together():
         board={"contact_rating_a": 100.0},
     )
     flowing = V / (0.6 + 0.05)
-    parts = shares(rig, rig.spring_parameters())
+    parts = power_shares(rig, rig.spring_parameters())
     assert parts[:4] == pytest.approx([1.0, 1.0, 1.0, (16.0 / flowing) ** 2])
 
 
@@ -146,7 +146,7 @@ def test_the_worst_spring_draws_more_than_the_others(current):
     alone, lead = float(worst.power(HOT)), 0.05
     nominal = float(rig.spring_parameters().resistance)
     others = 1.05 * nominal
-    for n, part in enumerate(shares(rig, worst, worst=True)):
+    for n, part in enumerate(power_shares(rig, worst, worst=True)):
         if n == 0:
             assert part == 1.0
             continue
@@ -155,7 +155,7 @@ def test_the_worst_spring_draws_more_than_the_others(current):
             voltage = MORE * min(V, current / (1 / (own + lead) + (n - 1) / (others + lead)))
             heats.append((voltage / (own + lead)) ** 2 * own)
         assert part == pytest.approx(min(max(heats) / alone, 1.0), rel=2e-3)
-        assert part >= shares(rig, rig.spring_parameters())[n] * float(
+        assert part >= power_shares(rig, rig.spring_parameters())[n] * float(
             rig.spring_parameters().power(HOT)
         ) / alone * (1 - 1e-9)
 
@@ -164,8 +164,8 @@ def test_what_is_closed_for_a_whole_step_takes_its_share():
     on = np.array([[1.0, 1.0, 0.0], [1.0, 0.5, 0.0], [1.0, 1.0, 1.0], [0.0, 0.0, 0.0], [0.3, 0.0, 0.0]])
     parts = [1.0, 0.9, 0.4, 0.2]
     expected = [[0.4, 0.4, 0.0], [0.9, 0.45, 0.0], [0.2, 0.2, 0.2], [0.0, 0.0, 0.0], [0.27, 0.0, 0.0]]
-    assert shared_on(on, parts) == pytest.approx(np.array(expected))
-    assert shared_on(on - 1e-12, parts)[0] == pytest.approx([0.4, 0.4, 0.0]), "rounded"
+    assert scale_by_shares(on, parts) == pytest.approx(np.array(expected))
+    assert scale_by_shares(on - 1e-12, parts)[0] == pytest.approx([0.4, 0.4, 0.0]), "rounded"
 
 
 # Current.
@@ -246,30 +246,34 @@ def test_values_that_make_springs_hotter_count_whoever_wrote_them():
 def test_still_air_that_a_person_wrote_protects_no_welded_contact(still, hotter):
     """A spring that stays on settles where the computed least loss says, or hotter."""
     supply = {"current_limit_a": 0.6}
-    computed = settled_in_still_air(rig_with(fan=None, supply=supply))
-    written = settled_in_still_air(rig_with(fan=None, supply=supply, springs={"convection_still": still}))
+    computed = steady_temperature_in_still_air(rig_with(fan=None, supply=supply))
+    written = steady_temperature_in_still_air(
+        rig_with(fan=None, supply=supply, springs={"convection_still": still})
+    )
     assert written > computed + 20 if hotter else written == computed
     believed = rig_with(fan=None, supply=supply, springs=measured(convection_still=still))
-    assert settled_in_still_air(believed) == pytest.approx(worst_springs(believed).steady_temperature)
+    assert steady_temperature_in_still_air(believed) == pytest.approx(
+        worst_springs(believed).steady_temperature
+    )
 
 
 def test_a_constant_outside_what_is_published_is_named_with_its_range():
     assert (
-        implausible_springs(rig_with())
-        == implausible_springs(rig_with(springs={"convection_still": 35.0}))
+        find_implausible_springs(rig_with())
+        == find_implausible_springs(rig_with(springs={"convection_still": 35.0}))
         == {}
     )
     inside = {"heat_capacity": 837.0, "latent_heat": 24_200.0, "convection_fan": 250.0}
-    assert implausible_springs(rig_with(springs=inside)) == {}
-    found = implausible_springs(rig_with(springs=HOPEFUL))
+    assert find_implausible_springs(rig_with(springs=inside)) == {}
+    found = find_implausible_springs(rig_with(springs=HOPEFUL))
     assert found.keys() == HOPEFUL.keys()
     assert found["heat_capacity"] == (
         "springs.heat_capacity is implausible: expected 466 to 837 J/(kg K), found 1000 (not measured); "
         "measure it: eldir calibrate springs"
     )
     assert "expected 12200 to 24200 J/kg, found 40000" in found["latent_heat"]
-    assert implausible_springs(rig_with(springs={"heat_capacity": 465.0})).keys() == {"heat_capacity"}
-    told = implausible_springs(rig_with(springs=measured(heat_capacity=870.0)))["heat_capacity"]
+    assert find_implausible_springs(rig_with(springs={"heat_capacity": 465.0})).keys() == {"heat_capacity"}
+    told = find_implausible_springs(rig_with(springs=measured(heat_capacity=870.0)))["heat_capacity"]
     assert "(as eldir calibrate springs measured)" in told
 
 

@@ -14,8 +14,8 @@ from pathlib import Path
 import pytest
 
 from eldir_hardware.clock import WallClock
-from eldir_hardware.rig.boards import emulator_of
-from eldir_hardware.rig.port_holder import holder_of
+from eldir_hardware.rig.devices import get_emulator
+from eldir_hardware.rig.port_holder import find_holder
 from tests.hardware.emulated_rigs import HEAT, emulated, rig_file, wait
 from tests.hardware.rig.other_users import start
 
@@ -77,7 +77,7 @@ def test_another_user_who_may_not_open_the_port_stops_nothing(homes):
         assert "PermissionError" in run(BERT, homes, python(lock))[1], "no lock without the right to open"
         time.sleep(0.3)
         assert any(board.contacts) and program.poll() is None
-        assert holder_of(board.port).process == guardian
+        assert find_holder(board.port).process == guardian
 
 
 def test_another_user_who_may_open_the_port_opens_the_contacts(homes):
@@ -88,7 +88,7 @@ def test_another_user_who_may_open_the_port_opens_the_contacts(homes):
         assert status == 0 and "all 4 channels are open" in text, text
         assert f"process {guardian} of user {ANNA} cannot be ended" in text
         assert not any(board.contacts)
-        opened = max(e.t for e in board.edges) - begun
+        opened = max(e.t for e in board.contact_events) - begun
         print(f"\n| port of another user | contacts open {opened:.2f} s | end {took:.2f} s |")
         assert program.wait(15) == 1
         status, text, _ = run(ANNA, homes, [*OFF, "--rig", str(path)])
@@ -211,7 +211,7 @@ def test_a_folder_of_a_group_is_shared(homes):
 
 def test_the_lock_is_seen_across_users(homes):
     """A second user with the right to use the port cannot drive it at the same time."""
-    board = emulator_of("lcus")(4, WallClock())
+    board = get_emulator("lcus")(4, WallClock())
     board.start()
     with heating(board, homes, 0o660, RIGS) as (_, program, guardian):
         path = rig_file(homes / "bert.yaml", "lcus", board.port)

@@ -22,11 +22,11 @@ from unittest.mock import patch
 from eldir_hardware.clock import WallClock
 from eldir_hardware.emulator.board import EmulatedBoard
 from eldir_hardware.planning.compiler import compile_schedule
-from eldir_hardware.relay.registration import kinds
-from eldir_hardware.rig.boards import driver_of, emulator_of
+from eldir_hardware.relay.registration import installed_kinds
 from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.rig.devices import get_driver, get_emulator
+from eldir_hardware.safety.compatibility import with_digests
 from eldir_hardware.safety.latch import read_records
-from eldir_hardware.safety.schedule_digests import with_digests
 from eldir_hardware.schedule import ActuationSchedule
 from tests.forked_programs import Forked
 from tests.hardware.emulated_rigs import rig_file, rig_values, wait
@@ -75,7 +75,7 @@ class Outcome(NamedTuple):
     def wrong(self) -> str:
         """What must not be, or nothing."""
         fault = FAULTS[self.fault]
-        opens = driver_of(self.kind).times_pulses or not fault.unreachable
+        opens = get_driver(self.kind).times_pulses or not fault.unreachable
         if self.closed and opens:
             return f"channels {self.closed} stayed closed"
         if self.off_after > fault.within and opens:
@@ -94,12 +94,12 @@ class NeverHeatedError(Exception):
 def drawn(count: int, seed: int) -> list[tuple[str, str, int]]:
     """Kind of board, fault and seed of so many strikes: every pair once in random order, then again."""
     rng = random.Random(seed)
-    pairs = [(kind, fault) for kind in kinds() for fault in FAULTS]
+    pairs = [(kind, fault) for kind in installed_kinds() for fault in FAULTS]
     rounds = (rng.sample(pairs, len(pairs)) for _ in range(math.ceil(count / len(pairs))))
     return [(*pair, rng.randrange(1 << 30)) for pair in chain.from_iterable(rounds)][:count]
 
 
-def strike(folder: Path, kind: str, fault: str, seed: int) -> Outcome:
+def strike(folder: Path, kind: str, fault: str, seed: int, cycles: int = CYCLES) -> Outcome:
     """One run with one fault; again where a machine that is too busy ended the run before the fault.
 
     Raises:
@@ -110,30 +110,30 @@ def strike(folder: Path, kind: str, fault: str, seed: int) -> Outcome:
         place.mkdir()
         own_records = {"XDG_STATE_HOME": str(place / "state")}  # of boards that have gone, none is left
         with suppress(NeverHeatedError), patch.dict(os.environ, own_records):
-            return _strike(place, kind, fault, random.Random(seed + attempt))
+            return _strike(place, kind, fault, random.Random(seed + attempt), cycles)
     raise NeverHeatedError(f"{kind}, {fault}: heating never began")
 
 
 @cache
-def _schedule(kind: str) -> ActuationSchedule:
+def _schedule(kind: str, cycles: int) -> ActuationSchedule:
     """The same for every port."""
     rig = Rig.from_json(rig_values(kind, "/dev/ttyUSB0", **LIMITS))
     compiled = compile_schedule(
-        gait(phase=(0.0, 0.25), duty=(1 / 3, 1 / 3), period=PERIOD), rig, (0, 1), CYCLES
+        gait(phase=(0.0, 0.25), duty=(1 / 3, 1 / 3), period=PERIOD), rig, (0, 1), cycles
     )
     return replace(compiled, settle_s=0.0, conditioning_cycles=0)
 
 
 def prepared(
-    folder: Path, kind: str, linked: bool = False
+    folder: Path, kind: str, linked: bool = False, cycles: int = CYCLES
 ) -> tuple[EmulatedBoard, Path, ActuationSchedule, list[str]]:
     """An emulated board, a rig on it (by way of the link `board` if `linked`), a schedule, and the words that
     drive it. The record of a linked board stays when its port has gone."""
-    board = emulator_of(kind)(4, WallClock())
+    board = get_emulator(kind)(4, WallClock())
     link = folder / "board"
     link.symlink_to(board.start())
     rig = rig_file(folder / "rig.yaml", kind, str(link) if linked else board.port, **LIMITS)
-    schedule = _schedule(kind)
+    schedule = _schedule(kind, cycles)
     with_digests(schedule, Rig.load(rig)).save(folder / "schedule.json")
     files = [str(folder / "schedule.json"), "--rig", str(rig), "--log", str(folder / "log.mcap")]
     return board, rig, schedule, [*ELDIR, "rig", "drive", *files]
@@ -145,10 +145,10 @@ def held(words: list[str], uart: HeldUart) -> list[str]:
     return [python, option, uart.code + code, *others]
 
 
-def _strike(folder: Path, kind: str, name: str, rng: random.Random) -> Outcome:
+def _strike(folder: Path, kind: str, name: str, rng: random.Random, cycles: int) -> Outcome:
     fault = FAULTS[name]
-    board, rig, schedule, words = prepared(folder, kind, name in LINK_FAULTS)
-    second = emulator_of(kind)(4, WallClock())
+    board, rig, schedule, words = prepared(folder, kind, name in LINK_FAULTS, cycles)
+    second = get_emulator(kind)(4, WallClock())
     second.start()
     with (
         HeldUart(board.port) as uart,
@@ -163,11 +163,11 @@ def _strike(folder: Path, kind: str, name: str, rng: random.Random) -> Outcome:
         printed: list[tuple[float, str]] = []
         readers = [_read(player.stderr, printed)]
         try:
-            wait(lambda: bool(board.edges) or player.poll() is not None, 25.0)
+            wait(lambda: bool(board.contact_events) or player.poll() is not None, 25.0)
             guardian = guardian_of(player.pid)
-            if not board.edges or guardian is None:
+            if not board.contact_events or guardian is None:
                 raise NeverHeatedError
-            began = min(e.t for e in board.edges)
+            began = min(e.t for e in board.contact_events)
             bench = Bench(
                 board, player, guardian, rig, schedule, began, others, uart, folder / "board", second
             )
@@ -195,11 +195,13 @@ def _strike(folder: Path, kind: str, name: str, rng: random.Random) -> Outcome:
             second.close()
             board.close()
     can_open = [c for c in range(1, 5) if c not in board.faults.welded]
-    opened = [e.t - struck for e in board.edges if e.channel in can_open and not e.closed]
+    opened = [e.t - struck for e in board.contact_events if e.channel in can_open and not e.closed]
     still = tuple(c for c in can_open if board.contacts[c - 1])
     lines = tuple(sorted((t - struck, line) for t, line in printed))
     off_after = max([0.0, *opened])
-    return Outcome(kind, name, at, off_after, still, latched, lines, player.returncode, bool(second.edges))
+    return Outcome(
+        kind, name, at, off_after, still, latched, lines, player.returncode, bool(second.contact_events)
+    )
 
 
 def _read(stream: IO[str] | None, printed: list[tuple[float, str]]) -> threading.Thread:

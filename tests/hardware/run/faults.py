@@ -18,8 +18,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from eldir_hardware.emulator.board import EmulatedBoard
-from eldir_hardware.rig.boards import driver_of
 from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.rig.devices import get_driver
 from eldir_hardware.schedule import ActuationSchedule
 from tests.forked_programs import Forked
 from tests.hardware.relay.held_serial_output import HeldUart
@@ -32,7 +32,7 @@ LIMITS = {
     "limits": {"min_off_s": 0.3, "max_on_s": 1.2},
     "cutoff": {"kind": "timer", "max_on_s": 1.5},
 }
-STUCK = "does not follow.*cut the heating supply now"
+STUCK = "did not switch.*cut the heating supply now"
 """What a person must read first where a contact is stuck, as a pattern."""
 TOLD = 3.0
 """They can read it after this time [s]."""
@@ -167,7 +167,7 @@ def by_link(moved: bool, then: Strike) -> Strike:
 def both_killed(bench: Bench, rng: random.Random) -> float:
     """Without a timer on the board, only a person or the cut-off opens the contacts then."""
     killed = signals(("player", signal.SIGKILL), ("guardian", signal.SIGKILL))(bench, rng)
-    if driver_of(Rig.load(bench.rig).board.kind).times_pulses:
+    if get_driver(Rig.load(bench.rig).board.kind).times_pulses:
         return killed
     time.sleep(0.3)
     return off_command(bench)
@@ -252,7 +252,7 @@ def _fault(name: str, value: object) -> Strike:
 
 def suspended(bench: Bench, rng: random.Random) -> float:
     """Another program stops the output of the port."""
-    termios.tcflow(bench.board._guest, termios.TCOOFF)
+    termios.tcflow(bench.board.client_end, termios.TCOOFF)
     return time.monotonic()
 
 

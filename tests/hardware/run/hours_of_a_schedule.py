@@ -71,7 +71,7 @@ def hours_of_a_schedule(hours: float, truth: bool = False) -> Hours:
             PulseController(virtual.board, rig, virtual.clock), schedule, rig, virtual.clock, [watch]
         )
         start = virtual.clock.now() + 1.0
-        seen = virtual.emulator.edges
+        seen = virtual.emulator.contact_events
 
         def tidy(t: float) -> None:  # the emulator's list is the test's, not the rig's
             nonlocal drift, resident
@@ -83,9 +83,9 @@ def hours_of_a_schedule(hours: float, truth: bool = False) -> Hours:
             seen.clear()
             if t < start + 600.0:
                 resident = _resident()
-            virtual.clock.at(t + 60.0, tidy)
+            virtual.clock.call_at(t + 60.0, tidy)
 
-        virtual.clock.at(start + 30.0, tidy)
+        virtual.clock.call_at(start + 30.0, tidy)
         played = player.play(start)
         tidy(virtual.clock.now())
         assert not any(virtual.emulator.contacts)
@@ -95,7 +95,7 @@ def hours_of_a_schedule(hours: float, truth: bool = False) -> Hours:
         schedule.duration / (time.monotonic() - begun),
         drift,
         (min(settled), max(settled)),
-        virtual.springs.peak,
+        virtual.springs.max_temperature_c,
         max(watch.objects, default=1) / (watch.objects or [1])[0],
         _resident() - resident,
     )

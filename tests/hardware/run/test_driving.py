@@ -9,23 +9,23 @@ from typer.testing import CliRunner
 
 from eldir.built import gait_search
 from eldir.built.screening import candidate_gaits
+from eldir.design import marked_masses
 from eldir.errors import EldirError, InputError
 from eldir.lattice import Lattice
-from eldir.marks import marked_masses
 from eldir.parameters.springs import SpringParameters
 from eldir_app.commands.rig import rig as rig_command
 from eldir_hardware.camera.plane import Plane
 from eldir_hardware.clock import WallClock
 from eldir_hardware.log.reader import read_log
 from eldir_hardware.planning import plan as planning
-from eldir_hardware.planning.plan import plan
+from eldir_hardware.planning.plan import PlanConfig, plan
 from eldir_hardware.relay.lcus import LcusBoard
-from eldir_hardware.rig.boards import emulator_of
 from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.rig.devices import get_emulator
 from eldir_hardware.rig.template import real_rig, virtual_rig
-from eldir_hardware.run.drive import drive_rig
-from eldir_hardware.safety.schedule_digests import with_digests
-from eldir_hardware.virtual.body import BuiltBody
+from eldir_hardware.run.drive import DriveConfig, drive_rig
+from eldir_hardware.safety.compatibility import with_digests
+from eldir_hardware.virtual.bodies import EngineBody
 from tests.eldir.random_design import make_design
 from tests.hardware.camera.lenses import lens_of
 from tests.hardware.rigs_and_schedules import SCHEDULE
@@ -53,7 +53,7 @@ def schedule(design, folder):
         patch.setattr(gait_search, "candidate_gaits", lambda motors: candidate_gaits(motors, 2))
         patch.setattr(gait_search, "_SAMPLES", 2)
         patch.setattr(planning, "heat_margins", lambda *_: None)
-        return plan(design, Rig.load(folder / "rig.yaml"), imitate=True, samples=2)
+        return plan(design, Rig.load(folder / "rig.yaml"), PlanConfig(imitate=True, samples=2))
 
 
 def test_a_plan_says_what_it_predicts(design, schedule, folder):
@@ -87,7 +87,9 @@ def test_driving_records_everything(design, schedule, folder):
     rig_path = folder / "calibrated.yaml"
     files = "rate_hz: 10, lens: camera.json, plane: plane.json}"
     rig_path.write_text((folder / "rig.yaml").read_text().replace("rate_hz: 10}", files))
-    played = drive_rig(short, Rig.load(rig_path), rig_path, folder / "log.mcap", see=truth.append)
+    played = drive_rig(
+        short, Rig.load(rig_path), rig_path, folder / "log.mcap", DriveConfig(on_body=truth.append)
+    )
     log = read_log(folder / "log.mcap")
     for name in ("camera.json", "plane.json"):  # named in the rig file
         assert json.loads(log.attachments[name]) == json.loads((folder / name).read_text())
@@ -111,12 +113,12 @@ def test_no_log_is_left_by_a_run_that_never_began(schedule, folder):
 def test_the_body_goes_on_from_where_it_is(design):
     """Moved in one go or in pieces, it ends at the same place."""
     lengths = np.linspace(0.025, 0.06, 40)[:, None].repeat(2, axis=1)
-    whole, pieces = (BuiltBody(design.morphology, 5, SpringParameters()) for _ in range(2))
+    whole, pieces = (EngineBody(design.morphology, 5, SpringParameters()) for _ in range(2))
     whole.move(lengths, 0.05)
     for part in np.split(lengths, 8):
         pieces.move(part, 0.05)
     assert np.allclose(whole.positions, pieces.positions, atol=1e-6)
-    other = BuiltBody(design.morphology, 6, SpringParameters())
+    other = EngineBody(design.morphology, 6, SpringParameters())
     other.move(lengths, 0.05)
     assert not np.allclose(whole.positions, other.positions, atol=1e-6), "another specimen"
 
@@ -140,13 +142,13 @@ def test_new_writes_a_file_once(tmp_path):
         run("new", "--board", "virtual", "--out", out)
     assert out.read_bytes() == before
     other = tmp_path / "other.yaml"
-    assert "a real board needs its port" in run("new", "--board", "lcus", "--out", other)
+    assert "a real board needs a serial port" in run("new", "--board", "lcus", "--out", other)
     assert "a virtual rig has no port" in run("new", "--port", "/dev/tty", "--out", other)
     assert not other.exists()
 
 
 def test_off_opens_what_is_closed(tmp_path):
-    emulated = emulator_of("lcus")(4, WallClock())
+    emulated = get_emulator("lcus")(4, WallClock())
     port = emulated.start()
     board = LcusBoard(port, 4, WallClock())
     board.switch({1: True, 2: True})

@@ -23,10 +23,10 @@ from eldir_hardware.emulator.board import EmulatedBoard
 from eldir_hardware.log.reader import read_log
 from eldir_hardware.relay.errors import ContactError
 from eldir_hardware.resource import Resource
-from eldir_hardware.rig.boards import open_board
 from eldir_hardware.rig.configuration import Rig
-from eldir_hardware.safety.latch import stop_of
-from eldir_hardware.safety.stop_signals import Stop
+from eldir_hardware.rig.devices import open_board
+from eldir_hardware.safety.latch import read_stop
+from eldir_hardware.safety.stop_signals import StopSignals
 from tests.forked_programs import Forked
 from tests.hardware.emulated_rigs import emulated, rig_file, wait
 from tests.hardware.run.fault_matrix import prepared, strike
@@ -35,9 +35,19 @@ from tests.hardware.run.faults import ELDIR, FAULTS, LIVES, STUCK, guardian_of
 _SEIZE, _ANY_CHILD = 0x4206, 0x40000000  # PTRACE_SEIZE, __WALL
 
 
-@pytest.mark.parametrize("fault", [f for f in FAULTS if f.startswith("contact stuck, ") and FAULTS[f].says])
+IN_BRIEF = ("contact stuck, SIGHUP, SIGTERM in turn", "contact stuck, full disk, SIGINT repeated")
+
+
+@pytest.mark.parametrize(
+    "fault",
+    [
+        pytest.param(f, marks=[] if f in IN_BRIEF else pytest.mark.stress)
+        for f in FAULTS
+        if f.startswith("contact stuck, ") and FAULTS[f].says
+    ],
+)
 def test_what_is_hot_is_printed_first_and_once(fault, tmp_path):
-    outcome = strike(tmp_path, "lcus", fault, seed=1)
+    outcome = strike(tmp_path, "lcus", fault, seed=1, cycles=1)
     print(f"\n{outcome}")
     assert not outcome.wrong
     lines = [line for t, line in outcome.lines if t > 0]
@@ -62,7 +72,7 @@ class Lost(Resource):
 )
 def test_a_log_that_cannot_be_finished_is_told_behind_it(error, said, capsys):
     def run() -> None:
-        with Lost(), Stop().caught():
+        with Lost(), StopSignals().handled():
             if isinstance(error, KeyboardInterrupt):
                 error.add_note("all open")
             raise error
@@ -135,7 +145,7 @@ def stuck_while_driven(
         board.faults.deaf.add(channel)
         yield board, driving
         others = [closed for c, closed in enumerate(board.contacts, start=1) if c != channel]
-        assert not any(others) and stop_of(board.port) is not None
+        assert not any(others) and read_stop(board.port) is not None
     finally:
         program.kill()
         program.wait()
@@ -160,7 +170,7 @@ def test_a_terminal_that_is_closed(tmp_path):
     with stuck_while_driven(tmp_path, Terminal) as (board, terminal):
         terminal.close()
         assert terminal.program.wait(20) == 1
-        assert re.search(STUCK, stop_of(board.port) or "")
+        assert re.search(STUCK, read_stop(board.port) or "")
         ends = [text for _, part, text in read_log(tmp_path / "log.mcap").statuses if part == "player"]
         assert re.search(STUCK, ends[-1])
 
@@ -180,7 +190,9 @@ def test_a_disk_is_full_where_stderr_is_written_too(tmp_path):
     assert re.search(f"{STUCK}.*cannot (write|be written)", heard[0])
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize(
+    "number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.stress), signal.SIGHUP]
+)
 def test_the_emergency_stop_says_what_is_not_proven(number, tmp_path):
     """Whatever signals come, and though its report cannot be written."""
     with emulated("lcus") as board, open("/dev/full", "w") as full:
@@ -226,7 +238,10 @@ def test_a_guardian_that_the_kernel_holds_is_not_waited_for(tmp_path):
             os.waitpid(guardian, _ANY_CHILD)
             board.close()
     assert not any(board.contacts)
-    opened = max(e.t for e in board.edges if not e.closed) - killed
+    opened = max(e.t for e in board.contact_events if not e.closed) - killed
     assert opened < LIVES < 2.0 < ended, (opened, ended)
-    assert "its process does not end, and holds the port" in said and "cut the heating supply now" in said
+    assert (
+        "the guardian's process does not end, and holds the port" in said
+        and "cut the heating supply now" in said
+    )
     assert player.returncode == 1

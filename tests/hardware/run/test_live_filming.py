@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
@@ -15,18 +16,18 @@ import numpy as np
 import pytest
 
 from eldir.errors import EldirError, InputError
-from eldir_app.doctor.checks import examine
-from eldir_hardware.camera.validity import valid_for
+from eldir_app.doctor import examine
+from eldir_hardware.camera.lens import validity_period
 from eldir_hardware.clock import WallClock
 from eldir_hardware.log.reader import read_log
-from eldir_hardware.rig.boards import emulator_of
 from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.rig.devices import get_emulator
 from eldir_hardware.rig.template import real_rig
-from eldir_hardware.run.drive import drive_rig, without_heat
-from eldir_hardware.safety.schedule_digests import with_digests
+from eldir_hardware.run.drive import drive_rig, to_dry_run
+from eldir_hardware.safety.compatibility import with_digests
 from eldir_hardware.schedule import ActuationSchedule, Event
-from eldir_hardware.vision.pipeline import track_discs
-from eldir_hardware.vision.recording_setup import recorded_plane
+from eldir_hardware.vision.pipeline import track_frames
+from eldir_hardware.vision.recording_setup import find_recorded_plane
 from eldir_hardware.vision.sources import LoggedFrames
 from eldir_hardware.vision.virtual_camera import VirtualCamera
 from tests.hardware.vision.walking_films import MARKED, NAMES, SPACE, film, rms_mm, walk
@@ -46,7 +47,7 @@ SCHEDULE = ActuationSchedule(
 @pytest.fixture(scope="module")
 def pictures() -> tuple[list[bytes], VirtualCamera]:
     camera = VirtualCamera(7, SPACE)
-    frames = film(camera, np.arange(0, 12, 1 / RATE))
+    frames = film(camera, np.arange(0, 10, 1 / RATE))
     quality = [cv2.IMWRITE_JPEG_QUALITY, 95]
     return [cv2.imencode(".jpg", image, quality)[1].tobytes() for _, image in frames], camera
 
@@ -86,7 +87,7 @@ def streamed(pictures: list[bytes], lasting: float = 60.0) -> Iterator[tuple[str
 
 @pytest.fixture
 def port() -> Iterator[str]:
-    board = emulator_of("lcus")(4, WallClock())
+    board = get_emulator("lcus")(4, WallClock())
     yield board.start()
     board.close()
 
@@ -114,17 +115,17 @@ def test_what_a_camera_sees_is_recorded_while_springs_heat(pictures, port, tmp_p
     log = read_log(tmp_path / "log.mcap")
     assert log.relays[:, 0].any() and not log.relays[:, 1:].any()
     source = LoggedFrames(log)
-    found = track_discs(source, recorded_plane(source), NAMES)
+    found = track_frames(source, find_recorded_plane(source), NAMES).trajectory
     assert SCHEDULE.duration - 0.3 < found.times[-1] - found.times[0] < SCHEDULE.duration + 1
     assert len(found.times) > 0.9 * RATE * (found.times[-1] - found.times[0])
     # Where the robot was tells when each picture was taken: one time for all of them, that of the log.
     apart = [
         rms_mm(found.positions, np.array([walk(t + late)[MARKED] for t in found.times]))
-        for late in np.arange(0, 6, 0.01)
+        for late in np.arange(0, 6, 0.02)
     ]
     assert min(apart) < 1.0
     started = 1e-9 * log.epoch_ns + time.monotonic() - time.time()
-    assert 0.01 * int(np.argmin(apart)) + begun[0] == pytest.approx(started, abs=0.1)
+    assert 0.02 * int(np.argmin(apart)) + begun[0] == pytest.approx(started, abs=0.1)
 
 
 def test_a_camera_that_fails_is_told_when_all_is_played(pictures, port, tmp_path) -> None:
@@ -149,12 +150,13 @@ def test_nothing_heats_before_a_camera_that_cannot_be_used(pictures, port, tmp_p
     with raises(InputError, "camera.no-picture", match="http://127.*check its address"):
         drive_rig(for_rig(path), Rig.load(path), path, out)
     assert not out.exists()
-    drive_rig(for_rig(path), without_heat(Rig.load(path)), path, out)  # a dry run needs no camera
+    short = with_digests(replace(SCHEDULE, cycles=1), Rig.load(path))
+    drive_rig(short, to_dry_run(Rig.load(path)), path, out)  # a dry run needs no camera
 
 
 def test_the_doctor_looks_through_the_rigs_camera(pictures, port, tmp_path) -> None:
     data, camera = pictures
-    (tmp_path / "plane.json").write_text(json.dumps({"provenance": valid_for(-1.0)}))
+    (tmp_path / "plane.json").write_text(json.dumps({"provenance": validity_period(-1.0)}))
     with streamed(data) as (address, _):
         path = rig_file(tmp_path, port, address, camera, ", plane: plane.json")
         findings = examine(Rig.load(path), tmp_path)
@@ -168,7 +170,7 @@ def test_the_doctor_looks_through_the_rigs_camera(pictures, port, tmp_path) -> N
     [
         ("{kind: live, device: 'camera:0'}", "a plane file or a tag file"),
         ("{kind: live, device: webcam, tags: tags.json}", "camera:0, /dev/video0"),
-        ("{kind: virtual}", "virtual camera does not see a real rig"),
+        ("{kind: virtual}", "a real rig cannot have a virtual camera"),
         ("{kind: other}", "kind"),
     ],
 )

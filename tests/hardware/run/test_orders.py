@@ -9,7 +9,7 @@ import time
 
 import pytest
 
-from eldir_hardware.run.orders import ORDERS, give_order, orders
+from eldir_hardware.run.remote_control import COMMANDS, obey_commands, send_command
 
 
 class Told:
@@ -23,18 +23,18 @@ class Told:
 
 
 def told_by_another_program(process: int, *words: str) -> list[bool]:
-    program = "import sys; from eldir_hardware.run.orders import give_order; "
-    program += "print([give_order(int(sys.argv[1]), w) for w in sys.argv[2:]])"
+    program = "import sys; from eldir_hardware.run.remote_control import send_command; "
+    program += "print([send_command(int(sys.argv[1]), w) for w in sys.argv[2:]])"
     command = [sys.executable, "-c", program, str(process), *words]
     return eval(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
 
 
 def test_a_program_of_the_same_user_is_obeyed_until_the_end():
     player = Told()
-    with orders(player):
-        assert told_by_another_program(os.getpid(), *ORDERS, "heat", "") == [True] * 4 + [False] * 2
+    with obey_commands(player):
+        assert told_by_another_program(os.getpid(), *COMMANDS, "heat", "") == [True] * 4 + [False] * 2
     assert player.heard == ["pause", "resume", "step", "finish_cycle"]
-    assert not give_order(os.getpid(), "pause"), "the context has ended"
+    assert not send_command(os.getpid(), "pause"), "the context has ended"
 
 
 def test_another_user_is_not_obeyed():
@@ -44,7 +44,7 @@ def test_another_user_is_not_obeyed():
     # root may order everybody; here the program that drives is root's, and the other one is not
     ask = "import os, socket; os.setuid(65534); s = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET); "
     ask += f"s.connect('\\0eldir-drive-{os.getpid()}'); s.send(b'resume'); print(s.recv(8))"
-    with orders(player):
+    with obey_commands(player):
         said = subprocess.run([sys.executable, "-c", ask], capture_output=True, text=True, check=False)
     assert player.heard == [] and "b'ok'" not in said.stdout
 
@@ -52,12 +52,12 @@ def test_another_user_is_not_obeyed():
 def test_who_says_nothing_holds_nobody_up():
     """Neither the end of the run, nor the next order for long."""
     player = Told()
-    with orders(player):
+    with obey_commands(player):
         silent = [socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) for _ in range(3)]
         for one in silent:
             one.connect(f"\0eldir-drive-{os.getpid()}")
         begun = time.monotonic()
-        assert give_order(os.getpid(), "pause")
+        assert send_command(os.getpid(), "pause")
         assert time.monotonic() - begun < 1.5
     assert time.monotonic() - begun < 2.0 and player.heard == ["pause"]
     for one in silent:
@@ -65,14 +65,15 @@ def test_who_says_nothing_holds_nobody_up():
 
 
 def test_a_program_that_hangs_does_not_answer():
-    held = "from eldir_hardware.run.orders import orders\nwith orders(None): print(flush=True); input()"
+    held = "from eldir_hardware.run.remote_control import obey_commands\n"
+    held += "with obey_commands(None): print(flush=True); input()"
     with subprocess.Popen(
         [sys.executable, "-c", held], stdin=subprocess.PIPE, stdout=subprocess.PIPE
     ) as other:
         other.stdout.readline()
         other.send_signal(signal.SIGSTOP)
         begun = time.monotonic()
-        assert not give_order(other.pid, "pause")
+        assert not send_command(other.pid, "pause")
         assert time.monotonic() - begun < 3.0
         other.kill()
 
@@ -83,7 +84,7 @@ def test_a_program_that_has_taken_the_name_is_not_believed():
         with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as false:
             false.bind(f"\0eldir-drive-{other.pid}")
             false.listen(1)
-            assert not give_order(other.pid, "pause")
+            assert not send_command(other.pid, "pause")
     finally:
         other.kill()
         other.wait()

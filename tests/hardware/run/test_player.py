@@ -51,7 +51,7 @@ class Noting(HeaterBank):
 @pytest.fixture
 def bench(monkeypatch):
     """A schedule is checked once, below: it takes a second."""
-    monkeypatch.setattr(limits, "check_schedule", lambda schedule, rig: limits.Prediction(80.0, 85.0))
+    monkeypatch.setattr(limits, "check_schedule", lambda schedule, rig: limits.HeatPrediction(80.0, 85.0))
     clock, notes = VirtualClock(), Notes()
     clock.sleep_until(99.0)
     bank = Noting(clock)
@@ -59,13 +59,13 @@ def bench(monkeypatch):
 
 
 def at(clock: VirtualClock, t: float, action) -> None:
-    clock.at(t, lambda _: action())
+    clock.call_at(t, lambda _: action())
 
 
 def test_a_run_begins_when_its_first_pulses_can_be_announced_in_time(bench):
     _, _, _, player = bench
     starts = []
-    player.play(ready=starts.append)
+    player.play(on_start=starts.append)
     assert starts == [pytest.approx(99.0 + LEAD + 0.2)]
 
 
@@ -86,7 +86,7 @@ def test_every_pulse_is_announced_once_just_in_time(bench, start):
     assert clock.now() == pytest.approx(begin + SCHEDULE.duration, abs=0.11)
     assert played.duration_s == pytest.approx(SCHEDULE.duration, abs=0.11)
     assert played.ended == "played to the end"
-    assert (played.peak_c, played.latest_s) == (70.13, 0.01)
+    assert (played.peak_c, played.max_delay_s) == (70.13, 0.01)
     assert notes.events == []
     assert notes.relays[0][1] == (True, False) and notes.temperatures[0][1] == (50.0, 22.0)
     times = [t for t, _ in notes.relays]
@@ -98,7 +98,7 @@ def test_a_bank_that_never_reports(bench):
     _, bank, _, player = bench
     bank.silent = True
     played = player.play()
-    assert (played.peak_c, played.latest_s) == (RIG.springs.ambient_c, 0.0)
+    assert (played.peak_c, played.max_delay_s) == (RIG.springs.ambient_c, 0.0)
 
 
 def test_a_pause_cuts_at_once_and_the_cycle_begins_again_when_the_next_would_have(bench):
@@ -251,7 +251,7 @@ def test_pulses_are_announced_in_the_order_of_time(bench):
 def test_springs_that_are_still_warm_rest_first(bench):
     """Nothing of that reaches the observers: the schedule has not begun."""
     clock, bank, notes, player = bench
-    bank.rested_at = 120.0
+    bank.ready_at = 120.0
     rests, starts = [], []
     player.play(0.0, starts.append, rests.append)
     assert rests == [pytest.approx(120.0 - 99.0)] and starts == [pytest.approx(120.0, abs=0.11)]
@@ -265,8 +265,8 @@ def test_springs_that_are_still_warm_rest_first(bench):
 
 def test_a_key_stops_while_springs_rest(bench):
     clock, bank, _, player = bench
-    bank.rested_at = 150.0
-    clock.at(105.0, lambda t: player.stop("a key"))
+    bank.ready_at = 150.0
+    clock.call_at(105.0, lambda t: player.stop("a key"))
     with pytest.raises(StoppedError, match="a key"):
         player.play()
     assert clock.now() == pytest.approx(105.0, abs=0.11) and bank.pulses == []

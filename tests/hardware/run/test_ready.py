@@ -11,15 +11,15 @@ import pytest
 import yaml
 
 from eldir_hardware.clock import WallClock
+from eldir_hardware.guardian._connection import Connection
 from eldir_hardware.guardian.bank import LEAD
-from eldir_hardware.guardian.wire import Wire
 from eldir_hardware.log.reader import read_log
 from eldir_hardware.log.recorder import Recorder
-from eldir_hardware.rig.boards import emulator_of
 from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.rig.devices import get_emulator
 from eldir_hardware.rig.template import virtual_rig
-from eldir_hardware.run.drive import drive_rig
-from eldir_hardware.safety.schedule_digests import with_digests
+from eldir_hardware.run.drive import DriveConfig, drive_rig
+from eldir_hardware.safety.compatibility import with_digests
 from eldir_hardware.schedule import Event
 from tests.hardware.emulated_rigs import rig_file
 from tests.hardware.rigs_and_schedules import RIG, SCHEDULE, rig_with
@@ -39,7 +39,7 @@ SHORT = with_digests(
 
 @pytest.fixture
 def emulated():
-    board = emulator_of("lcus")(4, WallClock())
+    board = get_emulator("lcus")(4, WallClock())
     board.start()
     yield board
     board.close()
@@ -72,15 +72,15 @@ def test_a_slow_board_and_a_loaded_disk_delay_the_start_and_stop_nothing(emulate
         player._bank.arm = slow_arm
         yield
 
-    played = drive_rig(SHORT, Rig.load(path), path, tmp_path / "log.mcap", steer=steer)
+    played = drive_rig(SHORT, Rig.load(path), path, tmp_path / "log.mcap", DriveConfig(control=steer))
     log = read_log(tmp_path / "log.mcap")
     assert "played to the end" in str(log.statuses)
-    closed, opened = emulated.edges[:2]
+    closed, opened = emulated.contact_events[:2]
     assert armed[0] - begun > 1.5, "the start that was planned had passed"
     # Times in the log count from the true start: the contact that closes at 0 s is seen closed soon after.
     seen = [t for t, row in zip(log.relay_times, log.relays, strict=True) if row[0]]
     assert -0.05 < seen[0] < 1.5 and seen[-1] < 2.5
-    assert closed.t - armed[0] > LEAD - 0.05 and played.latest_s < 0.5
+    assert closed.t - armed[0] > LEAD - 0.05 and played.max_delay_s < 0.5
     start = 1e-9 * log.epoch_ns + time.monotonic() - time.time()
     assert closed.t == pytest.approx(start, abs=0.5), "time of day at the start"
     assert opened.t - closed.t == pytest.approx(0.5, abs=0.3)
@@ -89,7 +89,7 @@ def test_a_slow_board_and_a_loaded_disk_delay_the_start_and_stop_nothing(emulate
 def test_a_board_that_does_not_arm_leaves_a_readable_log(emulated, tmp_path):
     path = rig_file(tmp_path / "rig.yaml", "lcus", emulated.port, limits={"min_off_s": 1.0})
     emulated.faults.deaf.add(1)
-    emulated._coils[0] = emulated._contacts[0] = True
+    emulated.coils[0] = emulated._contacts[0] = True
     with pytest.raises(Exception, match="not proven"):
         drive_rig(SHORT, Rig.load(path), path, tmp_path / "log.mcap")
     log = read_log(tmp_path / "log.mcap")
@@ -122,7 +122,7 @@ def test_the_log_attests_the_rig_that_was_loaded(moment, tmp_path):
             replaced("last report")
 
     replaced("before")
-    drive_rig(SCHEDULE, rig, path, tmp_path / "log.mcap", progress=progress, steer=steer)
+    drive_rig(SCHEDULE, rig, path, tmp_path / "log.mcap", DriveConfig(on_time=progress, control=steer))
     assert path.read_bytes() == other
     log = read_log(tmp_path / "log.mcap")
     assert log.attachments["rig.yaml"] == rig.source
@@ -135,8 +135,10 @@ def test_the_log_attests_the_rig_that_was_loaded(moment, tmp_path):
 def test_the_guardian_gets_the_values_that_are_logged(emulated, tmp_path, monkeypatch):
     """The file is gone before the guardian starts: nothing but the loaded values can reach it."""
     sent = []
-    send = Wire.send
-    monkeypatch.setattr(Wire, "send", lambda self, **message: (sent.append(message), send(self, **message)))
+    send = Connection.send
+    monkeypatch.setattr(
+        Connection, "send", lambda self, **message: (sent.append(message), send(self, **message))
+    )
     path = rig_file(tmp_path / "rig.yaml", "lcus", emulated.port, limits={"min_off_s": 1.0})
     rig = Rig.load(path)
     path.unlink()

@@ -37,7 +37,7 @@ def recorded_pulses(schedule: ActuationSchedule, rig: Rig) -> dict[int, Pulses]:
     with VirtualRig(rig, Piston()) as virtual:
         bank = PulseController(virtual.board, rig, virtual.clock)
         Player(bank, schedule, rig, virtual.clock).play()
-        edges = list(virtual.emulator.edges)
+        edges = list(virtual.emulator.contact_events)
     found: dict[int, Pulses] = {}
     for channel in sorted({e.channel for e in edges}):
         own = [e for e in edges if e.channel == channel]

@@ -10,12 +10,12 @@ from eldir_hardware.rig.board_identity import BoardIdentity
 from eldir_hardware.safety import latch as module
 from eldir_hardware.safety.latch import (
     LatchedError,
+    find_record,
     latch,
     latch_for_driving,
     read_records,
-    record_of,
+    read_stop,
     require_unlatched,
-    stop_of,
     unlatch,
 )
 from eldir_hardware.safety.state_folder import StateFolder
@@ -78,7 +78,7 @@ def test_one_wrong_value_makes_a_record_wrong(change, folder):
 
 def test_values_that_may_be_missing(folder):
     write(folder / "board-0.json", GOOD | dict.fromkeys(("kind", "channels", "rig", "opened")))
-    assert not read_records()[1] and stop_of("/dev/ttyUSB70") == "too hot"
+    assert not read_records()[1] and read_stop("/dev/ttyUSB70") == "too hot"
 
 
 def test_files_that_are_being_written_or_have_just_gone_hide_no_other(folder, monkeypatch):
@@ -105,25 +105,25 @@ def test_a_record_is_complete_before_and_after_the_board_was_proven_open(monkeyp
     with emulated("lcus") as board:
         latch_for_driving(board.port, "lcus", 4, "bench")
         latch(board.port, "too \n hot")
-        record = record_of(board.port)
+        record = find_record(board.port)
         assert (record.stop, record.since, record.opened) == ("too hot", "stopped", None)
         latch(board.port, "later", opened=True)
-        opened = record_of(board.port).opened
-        assert opened is not None and record_of(board.port).since == "opened"
+        opened = find_record(board.port).opened
+        assert opened is not None and find_record(board.port).since == "opened"
         latch(board.port, "later")
-        assert record_of(board.port).opened == opened, "it was proven open once"
-        assert record_of(board.port).stop == "too hot"
+        assert find_record(board.port).opened == opened, "it was proven open once"
+        assert find_record(board.port).stop == "too hot"
 
 
 def test_a_port_that_nobody_drove_is_latched_unless_it_is_a_terminal_that_has_gone():
     """`eldir rig off --port` of a board that another program heats."""
     latch("/dev/ttyUSB70", "stopped")
-    assert stop_of("/dev/ttyUSB70") == "stopped"
+    assert read_stop("/dev/ttyUSB70") == "stopped"
     latch("/dev/pts/99999", "stopped")
-    assert stop_of("/dev/pts/99999") is None
+    assert read_stop("/dev/pts/99999") is None
     with emulated("lcus") as board:
         latch(board.port, "stopped")
-        assert stop_of(board.port) == "stopped"
+        assert read_stop(board.port) == "stopped"
 
 
 def test_a_reset_removes_no_record_of_another_board(folder):

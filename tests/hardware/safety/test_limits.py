@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from eldir.built.heat import HeatModel, SpringState, heat
-from eldir_hardware.planning.precision import remark
+from eldir_hardware.planning.compiler import describe_precision
 from eldir_hardware.rig.configuration import Rig
-from eldir_hardware.rig.supply import shares, worst_springs
+from eldir_hardware.rig.supply import power_shares, worst_springs
 from eldir_hardware.safety import limits
 from eldir_hardware.safety.limits import LimitError
-from eldir_hardware.safety.stuck_contact import stuck_temperature
+from eldir_hardware.safety.worst_heat import stuck_temperature
 from eldir_hardware.schedule import ActuationSchedule, Event
 from tests.hardware.rigs_and_schedules import rig_with
 from tests.raised import raises
@@ -43,7 +43,7 @@ def refused(code: str, made: ActuationSchedule, rig: Rig, said: str = "") -> Non
 
 def test_a_schedule_that_heats_nothing():
     refused("no-pulse", schedule(20.0), weak())
-    assert remark(schedule(20.0), weak()) == "", "eldir rig drive asks for this first"
+    assert describe_precision(schedule(20.0), weak()) == "", "eldir rig drive asks for this first"
 
 
 @pytest.mark.parametrize(
@@ -59,7 +59,7 @@ def test_a_schedule_that_heats_nothing():
 def test_how_long_a_pulse_may_be(longest, cutoff, length, most):
     """Shorter than the rig's limit and than its cut-off; the longest pulse counts."""
     rig = weak(limits={"max_on_s": longest}, cutoff={"kind": "timer", "max_on_s": cutoff})
-    assert limits.longest_pulse(rig) == min(longest, cutoff)
+    assert limits.max_pulse(rig) == min(longest, cutoff)
     made = schedule(30.0, (1, 0.0, length), (2, 10.0, 1.0))
     if most is None:
         limits.check_schedule(made, rig)
@@ -70,7 +70,7 @@ def test_how_long_a_pulse_may_be(longest, cutoff, length, most):
 def test_without_a_timer_the_limit_alone_counts():
     values = weak().model_dump()
     for cutoff in (None, {"kind": "thermal", "opens_at_c": 80.0}):
-        assert limits.longest_pulse(Rig.from_json(values | {"cutoff": cutoff})) == 6.0
+        assert limits.max_pulse(Rig.from_json(values | {"cutoff": cutoff})) == 6.0
 
 
 @pytest.mark.parametrize(
@@ -204,7 +204,7 @@ def test_springs_that_share_are_cooler_together():
     together = limits.check_schedule(schedule(20.0, (1, 0.0, 3.8), (3, 0.0, 3.8)), rig).peak_c
     apart = limits.check_schedule(schedule(20.0, (1, 0.0, 3.8), (3, 10.0, 3.8)), rig).peak_c
     worst = worst_springs(rig)
-    part = shares(rig, worst, worst=True)[2]
+    part = power_shares(rig, worst, worst=True)[2]
     on = np.where(np.arange(1000) < 190, part, 0.0)
     assert together == pytest.approx(heat(np.tile(on, 3)[:, None], DT, worst).temperature.max(), abs=0.2)
     assert apart > together + 20.0

@@ -9,17 +9,16 @@ import pytest
 import yaml
 
 from eldir.built.heat import HeatModel, heat
-from eldir_hardware.guardian.interlock import Interlock
+from eldir_hardware.guardian._interlock import Interlock
 from eldir_hardware.planning.compiler import compile_schedule
-from eldir_hardware.planning.timing import own_timing
+from eldir_hardware.planning.plan import find_timing
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.supply import coldest_springs, worst_springs
 from eldir_hardware.rig.template import virtual_rig
-from eldir_hardware.safety.limits import LimitError, check_heat, most_on
-from eldir_hardware.safety.margins import _coldest, _last, describe, heat_margins
-from eldir_hardware.safety.repeated_heat import run_until_repeated
-from eldir_hardware.schedule import ActuationSchedule
-from eldir_hardware.schedule_prediction import HeatMargins, SchedulePrediction
+from eldir_hardware.safety.limits import LimitError, check_heat, max_on_time
+from eldir_hardware.safety.margins import _coldest, _largest_allowed, describe_margins, heat_margins
+from eldir_hardware.safety.worst_heat import run_until_periodic
+from eldir_hardware.schedule import ActuationSchedule, HeatMargins, SchedulePrediction
 from tests.hardware.rigs_and_schedules import SCHEDULE, gait, measured, rig_with
 from tests.hardware.safety.replayed_heat import HOTTEST, peak, wire
 from tests.paths import SCHEMAS
@@ -114,7 +113,7 @@ def test_margins_are_written_into_the_schedule_and_said(margins):
     again = ActuationSchedule.from_json(values)
     assert again.predicted.margins == margins and again.to_json() == values
     assert SchedulePrediction.from_json({}).margins is None
-    said = describe(margins, LOW)
+    said = describe_margins(margins, LOW)
     assert f"{margins.current_a:.2f} A more current" in said and "hotter than 30 C" in said
 
 
@@ -133,7 +132,7 @@ def test_every_tolerance_counts_for_schedule_and_guardian(changes):
     check_heat(pulses, 20.0, narrow)
     with pytest.raises(LimitError, match=r"too hot|cut-off would act too late"):
         check_heat(pulses, 20.0, wide)
-    Interlock(narrow, 0.0).allow(0.3, {1: 6.0})
+    Interlock(narrow, 0.0).check_pulses(0.3, {1: 6.0})
     guardian = Interlock(wide, 0.0) if _arms(wide) else None
     if guardian is not None:
         assert worst_springs(wide).power(0.0) >= worst_springs(narrow).power(0.0)
@@ -168,7 +167,7 @@ def test_former_rig_files_are_refused_with_the_temperature():
 def test_the_planner_stays_within_the_worst_corner():
     """At 4 A the whole heating is too hot after the shortest pause; with longer pauses it is not."""
     for rig in (rig_with(), thermal(supply={"current_limit_a": 4.0, "max_total_current_a": 20})):
-        period, duty = own_timing(rig.spring_parameters(), rig, 2)
+        period, duty = find_timing(rig.spring_parameters(), rig, 2)
         compile_schedule(gait(duty=(duty, duty), period=period), rig)
         assert 15 < period < 45 and 3.0 < duty * period <= rig.limits.max_on_s
 
@@ -176,16 +175,16 @@ def test_the_planner_stays_within_the_worst_corner():
 @pytest.mark.parametrize("duty", [0.15, 0.2, 0.25, 0.5])
 def test_the_planner_keeps_the_duty_of_any_minute(duty):
     rig = rig_with(limits={"duty": duty})
-    period, part = own_timing(rig.spring_parameters(), rig, 2)
-    assert most_on([(period * k, period * (k + part)) for k in range(8)]) <= 60 * duty + 1e-6
+    period, part = find_timing(rig.spring_parameters(), rig, 2)
+    assert max_on_time([(period * k, period * (k + part)) for k in range(8)]) <= 60 * duty + 1e-6
     compile_schedule(gait(duty=(part, part), period=period), rig)
 
 
 def test_the_time_in_a_minute_counts_wherever_it_begins():
-    assert most_on([]) == 0
-    assert most_on([(0, 10), (55, 61)]) == 15, "from 0 to 60 as from 1 to 61"
-    assert most_on([(0, 1), (50, 60), (62, 72)]) == 20
-    assert most_on([(0, 100)]) == 60
+    assert max_on_time([]) == 0
+    assert max_on_time([(0, 10), (55, 61)]) == 15, "from 0 to 60 as from 1 to 61"
+    assert max_on_time([(0, 1), (50, 60), (62, 72)]) == 20
+    assert max_on_time([(0, 100)]) == 60
 
 
 def test_short_periods_are_followed_until_they_repeat_too():
@@ -195,15 +194,15 @@ def test_short_periods_are_followed_until_they_repeat_too():
     worst = worst_springs(rig)
     on = np.zeros((100, 1))
     on[:10] = 1.0
-    history = run_until_repeated(on, 0.05, worst, 200.0)
+    history = run_until_periodic(on, 0.05, worst, 200.0)
     mean = float(history.temperature.mean())
     assert mean == pytest.approx(worst.ambient + 0.1 * float(worst.power(0.0)) / worst.loss, abs=0.3)
 
 
 def test_the_last_value_for_which_something_holds():
-    assert _last(lambda x: True, 3.0, 0.01) == 3.0
-    assert _last(lambda x: False, 3.0, 0.01) == 0.0
-    found = _last(lambda x: x <= 2.0, 3.0, 0.01)
+    assert _largest_allowed(lambda x: True, 3.0, 0.01) == 3.0
+    assert _largest_allowed(lambda x: False, 3.0, 0.01) == 0.0
+    found = _largest_allowed(lambda x: x <= 2.0, 3.0, 0.01)
     assert 1.99 <= found <= 2.0
 
 
@@ -213,8 +212,8 @@ def test_a_short_period_is_followed_as_long_as_a_long_one(parts):
     springs = replace(worst_springs(rig_with()), fan=False)
     on = np.zeros((20, 1))
     on[:1] = 1.0
-    history = run_until_repeated(np.tile(on, (parts, 1)), 0.05, springs, 1e9)
-    longest = run_until_repeated(np.tile(on, (30, 1)), 0.05, springs, 1e9)
+    history = run_until_periodic(np.tile(on, (parts, 1)), 0.05, springs, 1e9)
+    longest = run_until_periodic(np.tile(on, (30, 1)), 0.05, springs, 1e9)
     assert len(history.temperature) == 20 * parts
     assert history.temperature.max() == pytest.approx(longest.temperature.max(), abs=0.1)
 
@@ -234,7 +233,7 @@ def test_heat_is_followed_until_it_repeats_and_no_longer(begin, monkeypatch):
     on = np.zeros((40, 2))
     on[begin : begin + 6, 1] = 1.0
     steps = counted(monkeypatch)
-    history = run_until_repeated(on, 0.05, springs, 90.0)
+    history = run_until_periodic(on, 0.05, springs, 90.0)
     assert len(steps) < 12 and set(steps) == {320}, "15 s at least, in whole periods of 2 s"
     long = HeatModel([springs]).run(np.tile(on[:, 1:], (100, 1)), 0.05)
     assert history.temperature[:, 1] == pytest.approx(long.temperature[-40:, 0], abs=0.05)
@@ -246,7 +245,7 @@ def test_a_long_period_is_compared_with_the_one_before(monkeypatch):
     steps = counted(monkeypatch)
     on = np.zeros((400, 1))
     on[:20] = 1.0
-    run_until_repeated(on, 0.05, worst_springs(rig_with()), 90.0)
+    run_until_periodic(on, 0.05, worst_springs(rig_with()), 90.0)
     assert set(steps) == {400}
 
 
@@ -255,4 +254,4 @@ def test_what_is_far_too_hot_is_not_followed_further(monkeypatch):
     steps = counted(monkeypatch)
     on = np.zeros((40, 2))
     on[:30, 1] = 1.0
-    assert run_until_repeated(on, 0.05, springs, 50.0).temperature.max() > 55 and len(steps) == 1
+    assert run_until_periodic(on, 0.05, springs, 50.0).temperature.max() > 55 and len(steps) == 1

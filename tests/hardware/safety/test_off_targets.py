@@ -7,13 +7,13 @@ from types import SimpleNamespace
 import pytest
 
 from eldir.errors import InputError
-from eldir_hardware.relay.registration import kinds
-from eldir_hardware.rig.board_hints import BoardHints, read_board_hints
+from eldir_hardware.relay.registration import installed_kinds
+from eldir_hardware.rig._board_hints import BoardHints, read_board_hints
 from eldir_hardware.rig.board_identity import BoardIdentity
-from eldir_hardware.rig.port_holder import Guarded, lock_of
+from eldir_hardware.rig.port_holder import GuardedPort, get_lock
 from eldir_hardware.safety import off_targets as module
 from eldir_hardware.safety.latch import BoardRecord
-from eldir_hardware.safety.off_targets import Target, off_targets
+from eldir_hardware.safety.off_targets import OffTarget, find_off_targets
 from eldir_hardware.safety.state_folder import StateError
 from tests.raised import raises
 
@@ -30,7 +30,7 @@ def hints(monkeypatch):
         return hints.records, hints.wrong
 
     monkeypatch.setattr(module, "read_board_hints", lambda path: hints.told)
-    monkeypatch.setattr(module, "guarded_ports", lambda: hints.guarded)
+    monkeypatch.setattr(module, "list_guarded_ports", lambda: hints.guarded)
     monkeypatch.setattr(module, "read_records", read_records)
     return hints
 
@@ -39,12 +39,12 @@ def record(port: str, kind: str | None = "gd32", channels: int | None = 8, rig: 
     return BoardRecord(BoardIdentity(port, frozenset(marks)), port, "stopped", "2026", kind, channels, rig)
 
 
-def guarded(process: int, port: str, named: str | None = None) -> Guarded:
-    return Guarded(process, port, "lcus", 4, named or port, lock_of(port) or "00:05:70")
+def guarded(process: int, port: str, named: str | None = None) -> GuardedPort:
+    return GuardedPort(process, port, "lcus", 4, named or port, get_lock(port) or "00:05:70")
 
 
 def found(*given) -> dict[str, list]:
-    return {t.port: t.candidates for t in off_targets(*(given or (None, None, None)))[0]}
+    return {t.port: t.candidates for t in find_off_targets(*(given or (None, None, None)))[0]}
 
 
 # What a board may be.
@@ -72,9 +72,9 @@ def found(*given) -> dict[str, list]:
     ids=str,
 )
 def test_what_a_board_may_be_is_the_first_hint_first_and_each_once(hints, candidates):
-    target = Target("/dev/x")
+    target = OffTarget("/dev/x")
     for kind, channels in hints:
-        target.may_be(kind, channels)
+        target.add_candidate(kind, channels)
     assert target.candidates == candidates
 
 
@@ -82,21 +82,21 @@ def test_a_kind_whose_package_is_broken_is_no_candidate(monkeypatch):
     def broken(kind: str):
         raise InputError("cannot be loaded")
 
-    monkeypatch.setattr(module, "board_of", broken)
-    target = Target("/dev/x")
-    target.may_be("lcus", 4)
-    target.may_be("lcus", None)
+    monkeypatch.setattr(module, "get_board", broken)
+    target = OffTarget("/dev/x")
+    target.add_candidate("lcus", 4)
+    target.add_candidate("lcus", None)
     assert target.candidates in ([], [("lcus", None)])
     with pytest.raises(InputError):
-        off_targets(None, None, "lcus")
-    assert kinds()
+        find_off_targets(None, None, "lcus")
+    assert installed_kinds()
 
 
 # Which ports.
 
 
 def test_nothing_is_driven(hints):
-    targets, remarks = off_targets(None, None, None)
+    targets, remarks = find_off_targets(None, None, None)
     assert targets == [] and remarks == ["switching off every port that this computer drives"]
 
 
@@ -114,7 +114,7 @@ def test_a_named_port_alone_with_what_is_known_of_it(hints):
     hints.records = {"a": record("/dev/null", "gd32", 8), "b": record("/dev/ttyUSB70")}
     assert found(None, "/dev/null", None) == {"/dev/null": [("lcus", 4), ("gd32", 8)]}
     assert found(None, "/dev/ttyUSB71", "lcus") == {"/dev/ttyUSB71": [("lcus", None)]}
-    (target,), remarks = off_targets(None, "/dev/null", None)
+    (target,), remarks = find_off_targets(None, "/dev/null", None)
     assert target.record is hints.records["a"]
     assert remarks == ["/dev/zero is driven too: eldir rig off --port /dev/zero"]
 
@@ -123,14 +123,14 @@ def test_a_link_names_the_same_port(hints, tmp_path):
     link = tmp_path / "board"
     link.symlink_to("/dev/null")
     hints.guarded = [guarded(1, "/dev/null")]
-    targets, remarks = off_targets(None, str(link), None)
+    targets, remarks = find_off_targets(None, str(link), None)
     assert [t.port for t in targets] == [str(link)] and remarks == []
     assert targets[0].candidates == [("lcus", 4)]
 
 
 def test_other_guarded_ports_are_named_in_order(hints):
     hints.guarded = [guarded(i, f"/dev/ttyUSB{i}") for i in (79, 71, 75, 73, 77)]
-    _, remarks = off_targets(None, "/dev/null", None)
+    _, remarks = find_off_targets(None, "/dev/null", None)
     assert remarks == [f"/dev/ttyUSB{i} is driven too: eldir rig off --port /dev/ttyUSB{i}"
                        for i in (71, 73, 75, 77, 79)]  # fmt: skip
 
@@ -143,7 +143,7 @@ def test_the_file_s_port_and_those_through_which_its_rig_was_driven(hints):
         "b": record("/dev/ttyUSB71", rig=None),
         "c": record("/dev/ttyUSB72", rig="another"),
     }
-    targets, remarks = off_targets(Path("rig.yaml"), None, "numato")
+    targets, remarks = find_off_targets(Path("rig.yaml"), None, "numato")
     assert {t.port: t.candidates for t in targets} == {
         "/dev/null": [("numato", 4), ("lcus", 4)],
         "/dev/ttyUSB70": [("numato", 4), ("gd32", 8)],
@@ -158,14 +158,14 @@ def test_the_file_s_port_and_those_through_which_its_rig_was_driven(hints):
 
 def test_records_that_cannot_be_read_stop_nothing(hints):
     hints.unreadable = StateError("other users can write it")
-    targets, remarks = off_targets(None, "/dev/null", "lcus")
+    targets, remarks = find_off_targets(None, "/dev/null", "lcus")
     assert [t.port for t in targets] == ["/dev/null"] and remarks == ["other users can write it"]
 
 
 def test_a_virtual_rig_has_no_port_unless_one_is_named(hints):
     hints.told = BoardHints(virtual=True)
     with raises(InputError, "rig.virtual", match=r"rig.yaml"):
-        off_targets(Path("rig.yaml"), None, None)
+        find_off_targets(Path("rig.yaml"), None, None)
     assert list(found(Path("rig.yaml"), "/dev/null", None)) == ["/dev/null"]
     hints.told = BoardHints(("/dev/null",), virtual=True)
     assert list(found(Path("rig.yaml"), None, None)) == ["/dev/null"]

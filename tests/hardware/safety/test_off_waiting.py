@@ -11,9 +11,9 @@ import pytest
 
 from eldir_hardware.relay.errors import PortError
 from eldir_hardware.rig.port_holder import Holder
-from eldir_hardware.safety import holder_stopper as stopping
+from eldir_hardware.safety import switch_off as stopping
 from eldir_hardware.safety import switch_off as switching
-from eldir_hardware.safety.holder_stopper import HolderStopper
+from eldir_hardware.safety.switch_off import HolderStopper
 
 PORT = "/dev/ttyUSB70"
 
@@ -38,8 +38,8 @@ def test_a_port_that_its_last_program_still_holds_is_tried_for_a_while(monkeypat
         tried.append((port, channels))
         raise PortError("another program has it open")
 
-    monkeypatch.setattr(switching, "board_of", lambda kind: SimpleNamespace(driver=driver))
-    monkeypatch.setattr(switching, "holder_of", lambda port: "another" if held else None)
+    monkeypatch.setattr(switching, "get_board", lambda kind: SimpleNamespace(driver=driver))
+    monkeypatch.setattr(switching, "find_holder", lambda port: "another" if held else None)
     monkeypatch.setattr(switching, "time", time)
     with pytest.raises(PortError):
         switching._open("lcus", PORT, 4)
@@ -59,7 +59,7 @@ class Holders:
         self.leaves_at = 1e9
         self.frames = 0
 
-    def holder_of(self, port: str) -> Holder | None:
+    def find_holder(self, port: str) -> Holder | None:
         assert port == PORT
         return None if self.time.now >= self.leaves_at else self.holder
 
@@ -71,7 +71,7 @@ class Holders:
         return self.hears
 
     def is_free(self) -> bool:
-        return self.holder_of(PORT) is None
+        return self.find_holder(PORT) is None
 
     def send(self) -> None:
         self.frames += 1
@@ -81,7 +81,7 @@ class Holders:
 def holders(monkeypatch):
     holders = Holders()
     monkeypatch.setattr(stopping, "time", holders.time)
-    monkeypatch.setattr(stopping, "holder_of", holders.holder_of)
+    monkeypatch.setattr(stopping, "find_holder", holders.find_holder)
     monkeypatch.setattr(stopping, "signal_holder", holders.signal_holder)
     return holders
 
@@ -91,22 +91,22 @@ TERM, KILL = signal.SIGTERM, signal.SIGKILL
 
 def ended(holders: Holders) -> HolderStopper:
     stopper = HolderStopper(PORT)
-    stopper.ask(may_kill=False)
-    stopper.wait(holders, holders.send)
+    stopper.request_end(may_kill=False)
+    stopper.wait_until_free(holders, holders.send)
     return stopper
 
 
 def test_a_port_that_nobody_holds(holders):
     holders.holder = None
     stopper = ended(holders)
-    assert stopper.done and not stopper.killed and stopper.text == "" and holders.sent == []
+    assert stopper.is_free and not stopper.has_killed and stopper.report == "" and holders.sent == []
     assert holders.frames == 0 and holders.time.slept == 0
 
 
 def test_a_program_that_ends_when_it_is_asked(holders):
     holders.leaves_at = 1000.3
     stopper = ended(holders)
-    assert stopper.done and not stopper.killed and stopper.text == "stopped process 7; "
+    assert stopper.is_free and not stopper.has_killed and stopper.report == "stopped process 7; "
     assert holders.sent == [(7, TERM, 0.0)]
     assert holders.frames == 0, "which would disturb its proof"
     assert stopper.holder == Holder(7, 1000, False)
@@ -115,8 +115,8 @@ def test_a_program_that_ends_when_it_is_asked(holders):
 def test_a_program_that_hangs_is_killed_when_it_had_its_time(holders):
     holders.leaves_at = 1000.9
     stopper = ended(holders)
-    assert stopper.done and stopper.killed
-    assert stopper.text == "stopped process 7; it did not end by itself and was killed; "
+    assert stopper.is_free and stopper.has_killed
+    assert stopper.report == "stopped process 7; it did not end and was killed; "
     assert holders.sent[0] == (7, TERM, 0.0) and len(holders.sent) == 2
     assert holders.sent[1][:2] == (7, KILL) and 0.4 <= holders.sent[1][2] <= 0.42
     assert holders.frames == 1, "again, half a second after the first time"
@@ -125,36 +125,36 @@ def test_a_program_that_hangs_is_killed_when_it_had_its_time(holders):
 def test_a_suspended_program_is_killed_at_once_but_not_before_the_latch(holders):
     holders.holder = Holder(7, 1000, True)
     stopper = HolderStopper(PORT)
-    stopper.ask(may_kill=False)
-    assert holders.sent == [(7, TERM, 0.0)] and not stopper.killed
-    stopper.ask()
-    stopper.ask()
-    assert [s[:2] for s in holders.sent] == [(7, TERM), (7, KILL)] and stopper.killed
+    stopper.request_end(may_kill=False)
+    assert holders.sent == [(7, TERM, 0.0)] and not stopper.has_killed
+    stopper.request_end()
+    stopper.request_end()
+    assert [s[:2] for s in holders.sent] == [(7, TERM), (7, KILL)] and stopper.has_killed
 
 
 def test_a_program_that_never_leaves(holders):
     stopper = ended(holders)
-    assert not stopper.done and stopper.text.endswith("another program holds the port; ")
+    assert not stopper.is_free and stopper.report.endswith("another program still holds the port; ")
     assert holders.time.now == pytest.approx(1001.5, abs=0.01)
     assert holders.frames == 2
 
 
-def test_a_program_that_was_gone_when_it_was_to_be_killed(holders):
+def test_a_program_that_was_gone_when_it_was_to_be_killed_processes(holders):
     stopper = HolderStopper(PORT)
-    stopper.ask()
+    stopper.request_end()
     holders.time.now += 0.5
     holders.hears = False
-    stopper.ask()
-    assert stopper.text == "stopped process 7; " and not stopper.killed, "what it has proven counts"
+    stopper.request_end()
+    assert stopper.report == "stopped process 7; " and not stopper.has_killed, "what it has proven counts"
 
 
 def test_the_next_program_that_takes_the_port_is_asked_too(holders):
     stopper = HolderStopper(PORT)
-    stopper.ask()
+    stopper.request_end()
     holders.holder = Holder(8, 1000, False)
-    stopper.ask()
+    stopper.request_end()
     assert holders.sent == [(7, TERM, 0.0), (8, TERM, 0.0)]
-    assert stopper.text == "stopped process 7; stopped process 8; "
+    assert stopper.report == "stopped process 7; stopped process 8; "
 
 
 @pytest.mark.parametrize(("user", "of"), [(1000, " of user 1000"), (None, "")])
@@ -169,10 +169,10 @@ def test_a_program_of_another_user_cannot_be_ended(holders, user, of, how):
     else:
         holders.hears, why = False, "its open files cannot be read"
     stopper = HolderStopper(PORT)
-    stopper.ask()
-    assert stopper.text == f"process 7{of} cannot be ended: {why}; "
+    stopper.request_end()
+    assert stopper.report == f"process 7{of} cannot be ended: {why}; "
     holders.time.now += 0.5
-    stopper.ask()
+    stopper.request_end()
     assert len(holders.sent) == 1, "it is not tried again"
 
 
@@ -180,7 +180,7 @@ def test_a_program_that_ends_while_it_is_asked_is_no_failure(holders):
     holders.hears, holders.leaves_at = False, 1000.0
     stopper = HolderStopper(PORT)
     first = iter([Holder(7, 1000, False)])
-    holders.holder_of = lambda port: next(first, None)
-    stopping.holder_of = holders.holder_of
-    stopper.ask()
-    assert stopper.text == "" and not stopper.killed
+    holders.find_holder = lambda port: next(first, None)
+    stopping.find_holder = holders.find_holder
+    stopper.request_end()
+    assert stopper.report == "" and not stopper.has_killed

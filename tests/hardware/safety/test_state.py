@@ -9,25 +9,25 @@ from threading import Barrier
 
 import jsonschema
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eldir.errors import EldirError
 from eldir_hardware.rig.board_identity import BoardIdentity, identify
 from eldir_hardware.safety.latch import (
-    DIED,
+    GUARDIAN_DIED,
     LatchedError,
     end_driving,
+    find_record,
     latch,
     latch_for_driving,
     read_records,
-    record_of,
+    read_stop,
+    require_not_stopped,
     require_unlatched,
-    require_unstopped,
-    stop_of,
     unlatch,
 )
-from eldir_hardware.safety.state_folder import StateError, state_folder
+from eldir_hardware.safety.state_folder import StateError, open_state_folder
 from tests.hardware.emulated_rigs import emulated
 from tests.paths import ROOT
 from tests.raised import raises
@@ -126,9 +126,9 @@ def test_links_by_path_are_found_whatever_name_was_used(tmp_path):
 def test_a_board_without_marks_is_known_by_its_name():
     """The port has gone, or nothing else is known of it."""
     with_marks = BoardIdentity("/dev/ttyUSB0", frozenset({"path:x"}))
-    assert BoardIdentity("/dev/ttyUSB0", frozenset()).same_board(with_marks)
-    assert not BoardIdentity("/dev/ttyUSB1", frozenset()).same_board(with_marks)
-    assert not BoardIdentity("/dev/ttyUSB0", frozenset({"path:y"})).same_board(with_marks)
+    assert BoardIdentity("/dev/ttyUSB0", frozenset()).is_same_board(with_marks)
+    assert not BoardIdentity("/dev/ttyUSB1", frozenset()).is_same_board(with_marks)
+    assert not BoardIdentity("/dev/ttyUSB0", frozenset({"path:y"})).is_same_board(with_marks)
 
 
 def test_a_pseudo_terminal_that_has_gone_blocks_no_other():
@@ -136,7 +136,7 @@ def test_a_pseudo_terminal_that_has_gone_blocks_no_other():
         port = board.port
         drive(port)
     latch(port, "the port was lost")
-    assert stop_of(port) == "the port was lost", "as long as no other has its number"
+    assert read_stop(port) == "the port was lost", "as long as no other has its number"
     with emulated("lcus") as board:
         assert board.port == port
         require_unlatched(port)
@@ -156,10 +156,10 @@ def test_a_record_is_what_its_schema_says(folder):
 def test_the_first_reason_stays():
     with emulated("lcus") as board:
         drive(board.port)
-        assert stop_of(board.port) == DIED
+        assert read_stop(board.port) == GUARDIAN_DIED
         latch(board.port, "the board is silent")
         latch(board.port, "stopped by eldir rig off", opened=True)
-        record = record_of(board.port)
+        record = find_record(board.port)
         assert record.stop == "the board is silent" and record.kind == "lcus" and record.opened > 0
 
 
@@ -223,13 +223,14 @@ def test_anything_wrong_with_a_latch_counts_as_latched(how, folder, tmp_path):
 
 @given(data=st.binary(max_size=200))
 def test_no_bytes_of_a_record_raise_another_error(data):
-    with emulated("lcus") as board, state_folder() as state:
+    with emulated("lcus") as board, open_state_folder() as state:
         state.write("board-0.json", data)
         with pytest.raises(LatchedError):
             require_unlatched(board.port)
         state.remove("board-0.json")
 
 
+@settings(max_examples=30)
 @given(
     st.dictionaries(
         st.sampled_from(["port", "stop", "since", "kind", "channels", "rig", "opened", "identity", "more"]),
@@ -238,7 +239,7 @@ def test_no_bytes_of_a_record_raise_another_error(data):
 )
 def test_no_values_of_a_record_raise_another_error(values):
     good = {"identity": {"name": "/dev/x", "marks": []}, "port": "/dev/x", "stop": "s", "since": "t"}
-    with emulated("lcus") as board, state_folder() as state:
+    with emulated("lcus") as board, open_state_folder() as state:
         state.write("board-0.json", json.dumps({"format": "eldir-board/1"} | good | values).encode())
         found, wrong = read_records()
         assert len(found) + len(wrong) == 1
@@ -261,18 +262,18 @@ def test_two_programs_that_latch_a_board_at_once_lose_nothing():
 
             done = [programs.submit(latch_together, *which) for which in (("off", False), ("ended", True))]
             assert [one.result() for one in done] == [None, None]
-            record = record_of(board.port)
+            record = find_record(board.port)
             assert record.opened is not None and record.stop in ("off", "ended")
 
 
 def test_a_program_that_stands_still_while_it_writes_holds_up_no_stop(folder):
     with emulated("lcus") as board:
         drive(board.port)
-        with state_folder(alone=True):
+        with open_state_folder(exclusive=True):
             begun = time.monotonic()
             assert latch(board.port, "off") is None
             assert time.monotonic() - begun < 1.0
-        assert stop_of(board.port) == "off"
+        assert read_stop(board.port) == "off"
 
 
 def test_a_full_disk_keeps_the_record_and_refuses_the_start(folder, monkeypatch):
@@ -284,12 +285,12 @@ def test_a_full_disk_keeps_the_record_and_refuses_the_start(folder, monkeypatch)
         resource.setrlimit(resource.RLIMIT_FSIZE, (1, limits[1]))
         try:
             assert "File too large" in latch(board.port, "too hot")
-            assert stop_of(board.port) == DIED and len(list(folder.iterdir())) == 1
+            assert read_stop(board.port) == GUARDIAN_DIED and len(list(folder.iterdir())) == 1
             with raises(EldirError, "state.not-written"):
                 drive(board.port)
         finally:
             resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-        assert stop_of(board.port) == DIED
+        assert read_stop(board.port) == GUARDIAN_DIED
 
 
 @pytest.mark.parametrize("mode", [0o777, 0o770, 0o702])
@@ -308,11 +309,11 @@ def test_a_folder_that_is_a_link_or_has_an_open_parent_is_refused(folder, tmp_pa
     (tmp_path / "mine").mkdir()
     folder.parent.mkdir()
     folder.symlink_to(tmp_path / "mine")
-    with raises(StateError, "state.no-access"), state_folder(NOWHERE):
+    with raises(StateError, "state.no-access"), open_state_folder(NOWHERE):
         pass
     folder.unlink()
     folder.parent.chmod(0o777)
-    with raises(StateError, "state.open-folder", match="by every user"), state_folder(NOWHERE):
+    with raises(StateError, "state.open-folder", match="by every user"), open_state_folder(NOWHERE):
         pass
 
 
@@ -330,10 +331,10 @@ def test_a_shared_folder_must_be_what_an_administrator_makes(tmp_path):
         os.chown(shared, owner, 4321)
         shared.chmod(mode)
         if sound:
-            with state_folder(shared) as state:
+            with open_state_folder(shared) as state:
                 assert state.path == shared
         else:
-            with raises(StateError, "state.open-folder", match="safe to share"), state_folder(shared):
+            with raises(StateError, "state.open-folder", match="safe to share"), open_state_folder(shared):
                 pass
 
 
@@ -342,24 +343,24 @@ def test_a_good_end_leaves_the_stop_that_came_meanwhile():
     with emulated("lcus") as board:
         drive(board.port)
         end_driving(board.port)
-        assert stop_of(board.port) is None
+        assert read_stop(board.port) is None
         drive(board.port)
         latch(board.port, "stopped by eldir rig off")
         end_driving(board.port)
-        assert stop_of(board.port) == "stopped by eldir rig off"
+        assert read_stop(board.port) == "stopped by eldir rig off"
         end_driving("/dev/null")
         unlatch(board.port)
-        assert stop_of(board.port) is None
+        assert read_stop(board.port) is None
 
 
 def test_a_board_that_is_driven_is_stopped_through_the_shared_folder(folder):
     """The folder of a user tells nothing of the others: there it is not looked at."""
     with emulated("lcus") as board:
-        require_unstopped(board.port)
+        require_not_stopped(board.port)
         drive(board.port)
-        require_unstopped(board.port)
+        require_not_stopped(board.port)
         latch(board.port, "anna stopped it")
-        require_unstopped(board.port, NOWHERE)
+        require_not_stopped(board.port, NOWHERE)
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root makes a shared folder")
@@ -369,9 +370,9 @@ def test_a_board_that_is_driven_is_stopped_by_another_member_of_its_group(tmp_pa
     shared.chmod(0o2770)
     with emulated("lcus") as board:
         latch_for_driving(board.port, "lcus", 4, "bench", shared)
-        require_unstopped(board.port, shared)
+        require_not_stopped(board.port, shared)
         latch(board.port, "anna stopped it", shared=shared)
         with raises(LatchedError, "stop.latched", match="anna stopped it; look at the rig"):
-            require_unstopped(board.port, shared)
+            require_not_stopped(board.port, shared)
         end_driving(board.port, shared)
-        assert stop_of(board.port, shared) == "anna stopped it"
+        assert read_stop(board.port, shared) == "anna stopped it"

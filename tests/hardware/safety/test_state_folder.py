@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from eldir_hardware.safety import state_folder as module
-from eldir_hardware.safety.state_folder import StateError, StateFolder, state_folder
+from eldir_hardware.safety.state_folder import StateError, StateFolder, open_state_folder
 from tests.raised import raises
 
 NOWHERE = Path("/no/shared/folder")
@@ -50,7 +50,7 @@ def put(path: Path, data: bytes = b"{}", mode: int = 0o600, user: int | None = N
 
 
 def test_files_of_the_user_are_read_and_others_are_not(own):
-    with state_folder(NOWHERE) as folder:
+    with open_state_folder(NOWHERE) as folder:
         put(own / "good", b"good")
         assert folder.read("good") == b"good"
         put(own / "group", mode=0o620)
@@ -87,7 +87,7 @@ def test_the_owner_counts_unless_a_group_shares_the_folder(shared, tmp_path):
 
 
 def test_the_largest_file_and_the_most_files(own):
-    with state_folder(NOWHERE) as folder:
+    with open_state_folder(NOWHERE) as folder:
         put(own / "largest", b" " * 65_536)
         assert len(folder.read("largest")) == 65_536
         put(own / "larger", b" " * 65_537)
@@ -102,7 +102,7 @@ def test_the_largest_file_and_the_most_files(own):
 
 
 def test_a_file_that_cannot_be_read_is_not_trusted(own, monkeypatch):
-    with state_folder(NOWHERE) as folder:
+    with open_state_folder(NOWHERE) as folder:
         put(own / "good")
 
         def fails(*_: object) -> bytes:
@@ -116,7 +116,7 @@ def test_a_file_that_cannot_be_read_is_not_trusted(own, monkeypatch):
 
 def test_no_file_stays_open(own):
     before = len(os.listdir("/proc/self/fd"))
-    with state_folder(NOWHERE) as folder:
+    with open_state_folder(NOWHERE) as folder:
         folder.write("a", b"a")
         folder.read("a")
         folder.remove("a")
@@ -142,7 +142,7 @@ def test_a_file_is_on_the_disk_before_it_has_its_name_and_its_name_too(own, monk
         synced.append((-1 if stat.S_ISDIR(status.st_mode) else status.st_size, (own / "a").exists()))
         fsync(handle)
 
-    with state_folder(NOWHERE) as folder:
+    with open_state_folder(NOWHERE) as folder:
         monkeypatch.setattr(os, "fsync", noted)
         folder.write("a", b"text")
         assert synced == [(4, False), (-1, True)]
@@ -152,7 +152,7 @@ def test_a_file_is_on_the_disk_before_it_has_its_name_and_its_name_too(own, monk
 
 
 def test_a_file_that_cannot_be_written_leaves_the_old_one_and_nothing_else(own, monkeypatch):
-    with state_folder(NOWHERE) as folder:
+    with open_state_folder(NOWHERE) as folder:
         folder.write("a", b"old")
 
         def full(*_: object, **__: object) -> None:
@@ -171,12 +171,12 @@ def test_a_file_that_cannot_be_written_leaves_the_old_one_and_nothing_else(own, 
 
 
 def test_the_folder_is_made_for_its_user_alone(own):
-    with masked(0), state_folder(NOWHERE):
+    with masked(0), open_state_folder(NOWHERE):
         pass
     for made in (own, own.parent):
         assert stat.S_IMODE(made.stat().st_mode) == 0o700
     own.chmod(0o755)  # others may read it
-    with state_folder(NOWHERE):
+    with open_state_folder(NOWHERE):
         pass
 
 
@@ -198,20 +198,20 @@ def test_where_the_folder_is(tmp_path, monkeypatch):
             monkeypatch.delenv("XDG_STATE_HOME")
         else:
             monkeypatch.setenv("XDG_STATE_HOME", value)
-        with state_folder(NOWHERE) as folder:
+        with open_state_folder(NOWHERE) as folder:
             assert folder.path == home / ".local" / "state" / "eldir" and folder.path.is_dir()
     monkeypatch.setattr(pwd, "getpwuid", unknown)
-    with state_folder(NOWHERE) as folder:
+    with open_state_folder(NOWHERE) as folder:
         assert folder.path == tmp_path / "environment" / ".local" / "state" / "eldir"
     monkeypatch.delenv("HOME")
-    assert module._own_path() == Path("/.local/state/eldir")
+    assert module._user_path() == Path("/.local/state/eldir")
 
 
 def test_a_folder_that_cannot_be_made_or_opened(own, tmp_path):
     (tmp_path / "state").write_text("a file")
     with (
         raises(StateError, "state.no-access", match="set XDG_STATE_HOME to a folder of your own"),
-        state_folder(NOWHERE),
+        open_state_folder(NOWHERE),
     ):
         pass
     (tmp_path / "state").unlink()
@@ -219,12 +219,12 @@ def test_a_folder_that_cannot_be_made_or_opened(own, tmp_path):
     own.write_text("a file")
     with (
         raises(StateError, "state.no-access", match="Not a directory; make it a folder of your own"),
-        state_folder(NOWHERE),
+        open_state_folder(NOWHERE),
     ):
         pass
     with (
         raises(StateError, "state.no-access", match="Not a directory; ask to be in its group"),
-        state_folder(own),
+        open_state_folder(own),
     ):
         pass
 
@@ -232,10 +232,10 @@ def test_a_folder_that_cannot_be_made_or_opened(own, tmp_path):
 def test_a_parent_that_all_may_write_is_refused_unless_it_is_sticky(own):
     own.parent.mkdir()
     own.parent.chmod(0o1777)  # as /tmp
-    with state_folder(NOWHERE):
+    with open_state_folder(NOWHERE):
         pass
     own.parent.chmod(0o777)
-    with raises(StateError, "state.open-folder", match="by every user"), state_folder(NOWHERE):
+    with raises(StateError, "state.open-folder", match="by every user"), open_state_folder(NOWHERE):
         pass
 
 
@@ -243,7 +243,7 @@ def test_a_parent_that_all_may_write_is_refused_unless_it_is_sticky(own):
 def test_a_folder_of_another_user_is_refused(own):
     own.mkdir(parents=True)
     os.chown(own, 12345, -1)
-    with raises(StateError, "state.open-folder", match="belongs to user 12345"), state_folder(NOWHERE):
+    with raises(StateError, "state.open-folder", match="belongs to user 12345"), open_state_folder(NOWHERE):
         pass
 
 
@@ -259,6 +259,6 @@ def test_a_shared_folder_that_this_user_may_not_write(tmp_path, monkeypatch):
         return False
 
     monkeypatch.setattr(os, "access", refused)
-    with raises(StateError, "state.no-access", match="ask to be in its group"), state_folder(shared):
+    with raises(StateError, "state.no-access", match="ask to be in its group"), open_state_folder(shared):
         pass
     assert asked == [os.W_OK | os.X_OK]

@@ -8,7 +8,7 @@ from contextlib import redirect_stderr
 import pytest
 
 from eldir.errors import EldirError
-from eldir_hardware.safety.stop_signals import Stop, StoppedError, signals_as_errors
+from eldir_hardware.safety.stop_signals import StoppedError, StopSignals, signals_as_errors
 
 ENDING = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT]
 RAISED = {signal.SIGINT: KeyboardInterrupt} | dict.fromkeys(ENDING[1:], StoppedError)
@@ -26,8 +26,8 @@ def handlers():
 @pytest.mark.parametrize("number", ENDING)
 def test_a_signal_while_heating_is_an_exception_at_once(number, handlers):
     done = []
-    stop = Stop()
-    with pytest.raises(RAISED[number]) as told, stop.caught(), stop.heeded():
+    stop = StopSignals()
+    with pytest.raises(RAISED[number]) as told, stop.handled(), stop.raising():
         signal.raise_signal(number)
         done.append("heated on")
     assert number == signal.SIGINT or f"stopped by {number.name}" in str(told.value)
@@ -38,8 +38,8 @@ def test_a_signal_while_heating_is_an_exception_at_once(number, handlers):
 @pytest.mark.parametrize("number", ENDING)
 def test_a_signal_while_switching_off_is_held_back(number, handlers):
     done = []
-    stop = Stop()
-    with pytest.raises(RAISED[number]), stop.caught():
+    stop = StopSignals()
+    with pytest.raises(RAISED[number]), stop.handled():
         signal.raise_signal(number)
         done.append("switched off")
     assert done == ["switched off"]
@@ -48,10 +48,10 @@ def test_a_signal_while_switching_off_is_held_back(number, handlers):
 
 def test_a_signal_before_heating_prevents_it():
     done = []
-    stop = Stop()
-    with pytest.raises(StoppedError), stop.caught():
+    stop = StopSignals()
+    with pytest.raises(StoppedError), stop.handled():
         signal.raise_signal(signal.SIGTERM)
-        with stop.heeded():
+        with stop.raising():
             done.append("heated")
     assert not done
 
@@ -59,10 +59,10 @@ def test_a_signal_before_heating_prevents_it():
 def test_only_the_first_signal_is_raised():
     """The second comes while everything is switched off, and must not end that."""
     done = []
-    stop = Stop()
-    with pytest.raises(StoppedError, match="SIGTERM"), stop.caught():
+    stop = StopSignals()
+    with pytest.raises(StoppedError, match="SIGTERM"), stop.handled():
         try:
-            with stop.heeded():
+            with stop.raising():
                 signal.raise_signal(signal.SIGTERM)
         finally:
             signal.raise_signal(signal.SIGINT)
@@ -72,8 +72,8 @@ def test_only_the_first_signal_is_raised():
 
 def test_a_second_signal_while_still_heating_is_not_raised_again():
     done = []
-    stop = Stop()
-    with pytest.raises(StoppedError, match="SIGTERM"), stop.caught(), stop.heeded():
+    stop = StopSignals()
+    with pytest.raises(StoppedError, match="SIGTERM"), stop.handled(), stop.raising():
         try:
             signal.raise_signal(signal.SIGTERM)
         except StoppedError:
@@ -85,9 +85,9 @@ def test_a_second_signal_while_still_heating_is_not_raised_again():
 
 def test_after_heating_a_signal_waits_again():
     done = []
-    stop = Stop()
-    with pytest.raises(KeyboardInterrupt), stop.caught():
-        with stop.heeded():
+    stop = StopSignals()
+    with pytest.raises(KeyboardInterrupt), stop.handled():
+        with stop.raising():
             pass
         signal.raise_signal(signal.SIGINT)
         done.append("switched off")
@@ -95,15 +95,15 @@ def test_after_heating_a_signal_waits_again():
 
 
 def test_without_a_signal_nothing_happens(handlers):
-    stop = Stop()
-    with stop.caught(), stop.heeded():
+    stop = StopSignals()
+    with stop.handled(), stop.raising():
         pass
     assert {n: signal.getsignal(n) for n in ENDING} == handlers
 
 
 def test_an_error_keeps_its_name():
-    stop = Stop()
-    with pytest.raises(ZeroDivisionError), stop.caught(), stop.heeded():
+    stop = StopSignals()
+    with pytest.raises(ZeroDivisionError), stop.handled(), stop.raising():
         raise ZeroDivisionError
 
 
@@ -112,10 +112,10 @@ def test_only_a_closed_terminal_may_be_ignored(number):
     """As by nohup. Ctrl-C in a program started with it in the background of a script still ends the heat."""
     done = []
     signal.signal(number, signal.SIG_IGN)
-    stop = Stop()
+    stop = StopSignals()
 
     def heat() -> None:
-        with stop.caught(), stop.heeded():
+        with stop.handled(), stop.raising():
             signal.raise_signal(number)
             done.append("heated on")
 
@@ -132,8 +132,8 @@ def test_another_thread_handles_no_signals(handlers):
     found = []
 
     def run() -> None:
-        stop = Stop()
-        with stop.caught(), stop.heeded():
+        stop = StopSignals()
+        with stop.handled(), stop.raising():
             found.append({n: signal.getsignal(n) for n in ENDING})
 
     thread = threading.Thread(target=run)
@@ -148,8 +148,8 @@ def test_what_a_stop_says():
 
 
 def test_the_first_of_two_signals_is_the_cause():
-    stop = Stop()
-    with pytest.raises(StoppedError, match="stopped by SIGTERM"), stop.caught():
+    stop = StopSignals()
+    with pytest.raises(StoppedError, match="stopped by SIGTERM"), stop.handled():
         signal.raise_signal(signal.SIGTERM)
         signal.raise_signal(signal.SIGINT)
 
@@ -164,8 +164,8 @@ class Struck(io.StringIO):
 
 
 def test_an_error_is_printed_before_a_signal_can_end_the_program(handlers):
-    stop = Stop()
-    with redirect_stderr(Struck()) as said, pytest.raises(EldirError, match="channel 2"), stop.caught():
+    stop = StopSignals()
+    with redirect_stderr(Struck()) as said, pytest.raises(EldirError, match="channel 2"), stop.handled():
         raise EldirError("channel 2 is hot")
     assert said.getvalue() == "eldir: channel 2 is hot\n"
     assert {n: signal.getsignal(n) for n in ENDING} == handlers

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from eldir.built.heat import HeatModel, SpringState
-from eldir.parameters.still_air import least_coefficient
+from eldir.parameters.springs import min_heat_transfer_coefficient
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.supply import LimitError, worst_springs
-from eldir_hardware.safety.stuck_contact import check_board, stuck_temperature
+from eldir_hardware.safety.worst_heat import check_board, stuck_temperature
 from tests.hardware.rigs_and_schedules import measured, rig_with
 from tests.raised import raises
 
@@ -78,7 +78,7 @@ def test_a_coefficient_that_was_not_measured_is_the_least_of_a_coil(current):
     rig = rig_of(None, supply={"current_limit_a": current})
     worst = worst_springs(rig)
     hot = stuck_temperature(rig, worst, None)
-    still = replace(worst, fan=False, convection_still=least_coefficient(worst, hot))
+    still = replace(worst, fan=False, convection_still=min_heat_transfer_coefficient(worst, hot))
     held = HeatModel([still]).run(np.ones((7200, 1)), 2.0).temperature[-1, 0]
     assert hot == pytest.approx(held, abs=0.1) and 35 < hot < 90
 

@@ -14,13 +14,17 @@ from hypothesis import strategies as st
 from eldir.errors import InputError
 from eldir_hardware import firmware
 from eldir_hardware.clock import VirtualClock, WallClock
-from eldir_hardware.emulator.current_sensor import EmulatedCurrentSensor
-from eldir_hardware.emulator.ina_chips import EmulatedI2c, EmulatedIna226, EmulatedIna3221, LocalTime
+from eldir_hardware.current_sensor import CHIPS, CurrentSensor, SensorError, make_request, parse_line
+from eldir_hardware.emulator.current_sensor import (
+    EmulatedCurrentSensor,
+    EmulatedI2c,
+    EmulatedIna226,
+    EmulatedIna3221,
+    MicrocontrollerClock,
+    Shunts,
+)
 from eldir_hardware.firmware import current_sensor as program
 from eldir_hardware.rig.configuration import Rig
-from eldir_hardware.sensor.chips import CHIPS
-from eldir_hardware.sensor.driver import CurrentSensor, question, words_of
-from eldir_hardware.sensor.errors import SensorError
 from tests.hardware.rigs_and_schedules import rig_with
 from tests.paths import ROOT
 
@@ -68,7 +72,7 @@ def test_it_measures_within_the_errors_that_its_data_sheet_allows(opened, kind, 
 
 @pytest.mark.parametrize("kind", CHIPS)
 def test_no_current_is_told_from_the_smallest(opened, kind):
-    zero = CHIPS[kind].zero(0.01)
+    zero = CHIPS[kind].zero_current(0.01)
     for amperes in (0.0, 1.5 * zero):
         for seed in range(5):
             _, driver, _ = opened(kind, circuit=lambda channel, t, a=amperes: (a, a), seed=seed)
@@ -83,13 +87,13 @@ def test_a_measurement_is_younger_than_its_question(opened):
     for _ in range(10):
         end[:] = [clock.now()]
         measured = driver.measure()
-        assert measured.began >= end[0] and max(map(abs, measured.currents.values())) < 0.03
+        assert measured.started_at >= end[0] and max(map(abs, measured.currents.values())) < 0.03
         clock.sleep_until(clock.now() + 0.0137)
 
 
 def test_leads_to_the_spring_are_taken_off_the_voltage():
     clock = VirtualClock()
-    emulated = EmulatedCurrentSensor("ina226", (1,), flows, clock, lead=0.1, shunt_tolerance=0.0)
+    emulated = EmulatedCurrentSensor("ina226", (1,), flows, clock, Shunts(tolerance=0.0, lead=0.1))
     driver = CurrentSensor(emulated.start(), "ina226", (1,), clock, lead=0.1)
     assert driver.measure().voltages[1] == pytest.approx(0.9, abs=0.012)
     driver.close(), emulated.close()
@@ -98,7 +102,7 @@ def test_leads_to_the_spring_are_taken_off_the_voltage():
 def test_a_saturated_shunt_is_named(opened):
     _, driver, _ = opened("ina226", circuit=lambda channel, t: (9.0 if channel == 2 else 1.0, 1.0))
     assert driver.measure().saturated == {2}
-    assert driver.measure().currents[2] == pytest.approx(CHIPS["ina226"].full_scale(0.01))
+    assert driver.measure().currents[2] == pytest.approx(CHIPS["ina226"].full_scale_current(0.01))
 
 
 @pytest.mark.parametrize("kind", CHIPS)
@@ -114,7 +118,7 @@ def test_a_question_takes_as_long_as_it_says(opened, kind):
 FAULTS = {
     "silent": (lambda s: setattr(s.faults, "silent", True), "did not answer"),
     "late": (lambda s: setattr(s.faults, "late", 5.0), "did not answer"),
-    "garbled": (lambda s: setattr(s.faults, "garbled", True), "cannot be read|did not answer"),
+    "garbled": (lambda s: setattr(s.faults, "garbled", True), "invalid answer|did not answer"),
     "chip lost": (lambda s: setattr(s.i2c.chips[0x41].faults, "missing", True), "0x41 does not answer"),
     "chip stuck": (lambda s: setattr(s.i2c.chips[0x40].faults, "stuck", True), "0x40 does not finish"),
     "unplugged": (lambda s: s.unplug(), "was lost|did not answer"),
@@ -137,12 +141,12 @@ def test_faults_are_named_and_nothing_waits_for_long(opened, name):
 
 def test_one_damaged_answer_is_asked_for_again(opened):
     emulated, driver, _ = opened()
-    deliver, damaged = emulated._deliver, [True, False]
+    deliver, damaged = emulated.deliver, [True, False]
 
     def deliver_damaged(answer: bytes) -> None:
         deliver(answer.replace(b"M", b"m") if damaged.pop(0) else answer)
 
-    emulated._deliver = deliver_damaged
+    emulated.deliver = deliver_damaged
     assert driver.measure().currents[4] == pytest.approx(4.0, rel=0.02)
     assert not damaged
 
@@ -150,7 +154,7 @@ def test_one_damaged_answer_is_asked_for_again(opened):
 def test_a_microcontroller_that_lost_chips_at_a_restart_is_noticed(opened):
     emulated, driver, _ = opened()
     emulated._program.chips.pop()
-    with pytest.raises(SensorError, match="cannot be read; found 3 inputs instead of 6"):
+    with pytest.raises(SensorError, match=r"invalid answer .*found 3 inputs instead of 6"):
         driver.measure()
 
 
@@ -165,7 +169,7 @@ def test_an_answer_that_comes_late_is_not_taken_for_the_next_one(opened):
 
     def old_answers() -> None:
         while not stop.wait(0.002):
-            emulated._deliver(program.sealed("M 00 9,9 9,9 9,9 9,9 0,0 0,0"))
+            emulated.deliver(program.with_crc("M 00 9,9 9,9 9,9 9,9 0,0 0,0"))
 
     thread = threading.Thread(target=old_answers)
     thread.start()
@@ -179,7 +183,7 @@ def test_an_answer_that_comes_late_is_not_taken_for_the_next_one(opened):
 def test_other_chips_than_the_rig_file_says():
     clock = VirtualClock()
     for kind, named, channels, message in (
-        ("ina226", "ina3221", (1,), "other chips than the rig file says; expected ina3221"),
+        ("ina226", "ina3221", (1,), "chips differ from those of the rig file; expected ina3221"),
         ("ina3221", "ina3221", (1, 2, 3, 4), "too few channels; expected 4.*found chips with 3 inputs"),
         ("ina226", "ina226", (1,), "too few channels; expected 1.*found chips with 0 inputs"),
     ):
@@ -194,11 +198,11 @@ def test_other_chips_than_the_rig_file_says():
 
 
 def microcontroller() -> program.CurrentSensor:
-    time = LocalTime(VirtualClock())
+    time = MicrocontrollerClock(VirtualClock())
     rng = np.random.default_rng(3)
     chip = EmulatedIna3221([lambda t: (1.0, 2.0)] * 3, time, [0.01] * 3, rng)
     found = program.CurrentSensor(EmulatedI2c(time, {0x40: chip}))
-    found.identity()
+    found.identify()
     return found
 
 
@@ -206,15 +210,15 @@ def microcontroller() -> program.CurrentSensor:
 def test_noise_is_no_question(noise):
     """An answer needs a sound check sum, which 16 bits let noise have once in 65536."""
     answer = microcontroller().answer(noise + b"\n")
-    assert answer == b"" or words_of(noise) is not None
+    assert answer == b"" or parse_line(noise) is not None
 
 
 @given(st.integers(0, 255), st.data())
 def test_a_flipped_bit_is_noticed_on_both_ways(sequence, data):
     sensor = microcontroller()
-    answer = sensor.answer(question("M", sequence))
-    assert words_of(answer)[:2] == ["M", f"{sequence:02X}"] and len(words_of(answer)) == 5
-    for line, taken in ((question("M", sequence), sensor.answer), (answer, words_of)):
+    answer = sensor.answer(make_request("M", sequence))
+    assert parse_line(answer)[:2] == ["M", f"{sequence:02X}"] and len(parse_line(answer)) == 5
+    for line, taken in ((make_request("M", sequence), sensor.answer), (answer, parse_line)):
         body = line[:-1]
         bit = data.draw(st.integers(0, 8 * len(body) - 1))
         damaged = bytearray(body)
@@ -224,7 +228,7 @@ def test_a_flipped_bit_is_noticed_on_both_ways(sequence, data):
 
 def test_the_registers_are_those_of_the_data_sheets():
     """Power-on values, identities, and a count of each register (SBOS547B, SBOS576A)."""
-    time, rng = LocalTime(VirtualClock()), np.random.default_rng(1)
+    time, rng = MicrocontrollerClock(VirtualClock()), np.random.default_rng(1)
     one = EmulatedIna226([lambda t: (4.0, 4.0)], time, [0.01], rng)
     three = EmulatedIna3221([lambda t: (4.0, 4.0)] * 3, time, [0.01] * 3, rng)
     for chip, power_on, die in ((one, 0x4127, 0x2260), (three, 0x7127, 0x3220)):
@@ -245,10 +249,7 @@ def test_the_registers_are_those_of_the_data_sheets():
 def test_the_program_is_one_that_micropython_runs():
     """It imports nothing that a microcontroller lacks, and uses no syntax newer than MicroPython's."""
     sources = Path(firmware.__file__).parent
-    for name, imports in (
-        ("current_sensor.py", set()),
-        ("sensor_main.py", {"sys", "time", "machine", "micropython", "current_sensor"}),
-    ):
+    for name, imports in (("current_sensor.py", {"sys", "time", "machine", "micropython"}),):
         tree = ast.parse((sources / name).read_text(), feature_version=(3, 7))
         found = {a.name for n in ast.walk(tree) if isinstance(n, ast.Import) for a in n.names}
         found |= {n.module for n in ast.walk(tree) if isinstance(n, ast.ImportFrom)}
@@ -291,4 +292,4 @@ def test_a_real_sensor_needs_a_port_of_its_own():
 def test_the_lines_in_the_documentation_have_their_check_sums():
     page = (ROOT / "docs" / "reference" / "sensor.md").read_text()
     lines = re.findall(r"`([IM] [0-9A-F]{2}\*[0-9A-F]{4})`", page)
-    assert [words_of(line.encode()) for line in lines] == [["I", "07"], ["M", "08"]]
+    assert [parse_line(line.encode()) for line in lines] == [["I", "07"], ["M", "08"]]

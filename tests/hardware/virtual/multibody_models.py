@@ -13,8 +13,7 @@ from eldir.morphology import Morphology
 from eldir_cad.kit.printer import load_printer
 from eldir_cad.kit.specification import load_specification
 from eldir_cad.multibody.hubs import Inertia
-from eldir_cad.multibody.model import Coil, Hub, Multibody, Strip, multibody
-from eldir_cad.multibody.simpler import with_pins
+from eldir_cad.multibody.model import Coil, Hub, Multibody, Strip, build_multibody, with_pins
 from eldir_hardware.virtual.mujoco_body import MujocoMotion
 
 FREE = (0.035, 0.075)
@@ -31,8 +30,8 @@ def small(
 ) -> Multibody:
     """Hubs that are points, without gravity and drag, unless changed."""
     plain = Multibody(
-        hubs, strips, coils, socket=0.0, corner=0.0, touching=6e-3, turn=None, socket_friction=0.0, drag=0.0,
-        gravity=0.0,
+        hubs, strips, coils, socket=0.0, corner=0.0, contact_radius=6e-3, max_rotation=None,
+        socket_friction=0.0, drag=0.0, gravity=0.0,
     )  # fmt: skip
     return replace(plain, **changes)
 
@@ -43,7 +42,7 @@ def strip(length: float = LENGTH) -> Strip:
 
 def robot(body: Morphology, **changes: object) -> Multibody:
     """The nominal robot of a body."""
-    return replace(multibody(body, load_specification(), load_printer("xip")), **changes)
+    return replace(build_multibody(body, load_specification(), load_printer("xip")), **changes)
 
 
 def pinned(body: Morphology, **changes: object) -> Multibody:

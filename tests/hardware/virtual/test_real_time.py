@@ -9,7 +9,7 @@ from eldir_hardware.emulator.board import EmulatedBoard
 from eldir_hardware.guardian.bank import HeaterBank, Report
 from eldir_hardware.guardian.client import Guardian
 from eldir_hardware.rig.configuration import Rig
-from eldir_hardware.run.opened_rig import bank_on
+from eldir_hardware.run.opened_rig import open_virtual_bank
 from eldir_hardware.virtual.rig import VirtualRig
 from tests.hardware.emulated_rigs import rig_file
 from tests.hardware.rigs_and_schedules import rig_with
@@ -35,7 +35,7 @@ def watch(bank: HeaterBank, board: EmulatedBoard) -> None:
 def test_only_an_emulated_board_may_answer_late(tmp_path):
     rig = rig_with(virtual={"clock": "wall"})
     with VirtualRig(rig, Piston()) as virtual:
-        with bank_on(virtual, rig) as bank:
+        with open_virtual_bank(virtual, rig) as bank:
             watch(bank, virtual.emulator)
         real = Rig.load(rig_file(tmp_path / "rig.yaml", "lcus", virtual.emulator.port))
         with pytest.raises(EldirError, match="did not answer"), Guardian(real) as bank:

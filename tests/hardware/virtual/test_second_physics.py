@@ -14,10 +14,10 @@ from eldir.built.robot import build
 from eldir.errors import EldirError, InputError, MissingDependencyError
 from eldir.parameters.springs import SpringParameters
 from eldir_cad.kit.specification import load_specification
-from eldir_cad.multibody.mjcf import mjcf
+from eldir_cad.multibody.mjcf import mjcf_text
 from eldir_cad.multibody.model import Coil, Multibody, Numerics
-from eldir_hardware.virtual.body import BuiltBody
-from eldir_hardware.virtual.mujoco_body import MujocoBody, MujocoMotion, Overlap
+from eldir_hardware.virtual.bodies import EngineBody
+from eldir_hardware.virtual.mujoco_body import MujocoBody, MujocoMotion, OverlapCheck
 from tests.calibration.dynamics.hidden_rigs import walker
 from tests.hardware.virtual.multibody_models import (
     BENDING,
@@ -94,7 +94,7 @@ def test_two_masses_swing_on_a_coil() -> None:
     motion.data.ctrl[:] = 0.05
     apart = []
     for _ in range(4000):
-        motion._engine.mj_step(motion.model, motion.data)
+        motion.engine.mj_step(motion.model, motion.data)
         apart.append(motion.data.ten_length[0] - 0.05)
     crossings = np.flatnonzero(np.diff(np.sign(apart)) > 0)
     periods = len(crossings) - 1
@@ -121,12 +121,12 @@ def pulled(force: float) -> MujocoMotion:
     return motion
 
 
-def levered(turn: float | None = np.radians(15), friction: float = 0.0) -> Multibody:
+def levered(max_rotation: float | None = np.radians(15), friction: float = 0.0) -> Multibody:
     """A light hub on a strip in the socket of one that nothing moves."""
     heavy = hub(0.0, 1.0, mass=1e3, inertia=1e3)
     return small(
-        [heavy, hub(LENGTH + 7.4e-3, 1.0)], [strip()], socket=3.7e-3, corner=1e-3, turn=turn, drag=20.0,
-        socket_friction=friction,
+        [heavy, hub(LENGTH + 7.4e-3, 1.0)], [strip()], socket=3.7e-3, corner=1e-3,
+        max_rotation=max_rotation, drag=20.0, socket_friction=friction,
     )  # fmt: skip
 
 
@@ -162,7 +162,7 @@ def test_momentum_is_kept_without_contact() -> None:
     rest(motion, 0.5, FREE[1])
     speeds = motion.data.qvel.reshape(-1, 3)
     model, data = motion.model, motion.data
-    motion._engine.mj_subtreeVel(model, data)
+    motion.engine.mj_subtreeVel(model, data)
     mass = model.body_mass[1:]
     moved = mass @ np.abs(speeds[:, :2])
     assert np.abs(mass @ data.subtree_linvel[1:])[[0, 2]] == pytest.approx(0, abs=1e-7 * (1 + moved.max()))
@@ -178,7 +178,7 @@ def test_energy_is_lost_and_never_gained() -> None:
     energies = []
     for _ in range(40):
         rest(motion, 0.05, 0.0496)
-        data, engine = motion.data, motion._engine
+        data, engine = motion.data, motion.engine
         engine.mj_energyVel(motion.model, data)
         height = motion.model.body_mass[1:] @ data.xipos[1:, 2] * 9.81
         coils = 0.5 * model.coils[0].stiffness[0] * ((data.actuator_length - data.ctrl) ** 2).sum()
@@ -216,7 +216,7 @@ def test_the_compiled_model_is_the_one_that_was_meant() -> None:
     time, impedance = found.tendon_solref_lim[rows, 0], found.tendon_solimp_lim[rows, 0]
     stiffness = 1 / ((1 - impedance) * time**2 * found.tendon_invweight0[rows])
     assert stiffness == pytest.approx([s.tension for s in model.strips], rel=1e-6)
-    assert mjcf(model) == mjcf(robot(BODY))
+    assert mjcf_text(model) == mjcf_text(robot(BODY))
 
 
 def test_the_seed_decides_and_two_rigs_do_not_disturb_each_other() -> None:
@@ -236,7 +236,7 @@ def test_the_seed_decides_and_two_rigs_do_not_disturb_each_other() -> None:
         thread.join()
     assert all(np.array_equal(a.positions, b.positions) for a, b in zip(alone, together, strict=True))
     assert not np.allclose(alone[0].positions, alone[1].positions, atol=1e-6)
-    feet = alone[0]._motion.model.geom_friction
+    feet = alone[0].motion.model.geom_friction
     assert np.std(np.log([f[0] for f in feet if f[0] > 0.01])) > 0.02, "each foot has its own friction"
 
 
@@ -268,14 +268,13 @@ def test_ballast_weighs() -> None:
     weights = np.zeros(len(BODY.positions))
     weights[3] = 9e-3
     plain, heavy = (
-        MujocoBody(BODY, 1, SpringParameters(), ballast)._motion.model.body_mass
-        for ballast in (None, weights)
+        MujocoBody(BODY, 1, SpringParameters(), ballast).motion.model.body_mass for ballast in (None, weights)
     )
     assert heavy - plain == pytest.approx([0, *weights], abs=1e-12)
 
 
 def test_hubs_that_meet_push_each_other() -> None:
-    motion = MujocoMotion(small([hub(0.0), hub(0.05)], corner=7e-3, turn=0.2, drag=20.0), FREE)
+    motion = MujocoMotion(small([hub(0.0), hub(0.05)], corner=7e-3, max_rotation=0.2, drag=20.0), FREE)
     motion.data.xfrc_applied[1:, 0] = 0.1, -0.1
     first, second = rest(motion, 1.0)
     assert np.linalg.norm(first - second) == pytest.approx(2 * 6e-3, abs=2e-5)
@@ -283,17 +282,17 @@ def test_hubs_that_meet_push_each_other() -> None:
 
 def test_hubs_that_pass_through_strips_are_named() -> None:
     """Contact with strips is not simulated, so the log has to say so."""
-    overlap = Overlap(BODY, load_specification())
+    overlap = OverlapCheck(BODY, load_specification())
     places = build(BODY).positions.copy()
-    assert overlap.first(places) is None
+    assert overlap.worst_pair(places) is None
     (a, b), other = BODY.springs[0], int(next(i for i in range(len(places)) if i not in BODY.springs[0]))
     places[other] = (places[a] + places[b]) / 2
-    assert overlap.first(places) == f"mass {other} and spring {a}-{b}"
+    assert overlap.worst_pair(places) == f"mass {other} and spring {a}-{b}"
 
 
 def test_the_seed_gives_the_robot_that_the_built_scene_has() -> None:
-    here = MujocoBody(BODY, 5, SpringParameters())._motion._multibody
-    there = BuiltBody(BODY, 5, SpringParameters())._robot
+    here = MujocoBody(BODY, 5, SpringParameters()).motion.multibody_model
+    there = EngineBody(BODY, 5, SpringParameters())._robot
     passive = ~BODY.active
     longer = there.rest_lengths[passive] - there.parameters.pitch
     assert [s.length - LENGTH for s in here.strips] == pytest.approx(longer, abs=1e-12)

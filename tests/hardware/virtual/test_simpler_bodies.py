@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from eldir.built.robot import build
-from eldir_cad.multibody.model import Multibody
-from eldir_cad.multibody.simpler import (
-    SIMPLER,
+from eldir_cad.multibody.model import (
+    SIMPLIFICATIONS,
+    Multibody,
     on_level_table,
     with_equal_feet,
     with_pins,
@@ -18,13 +18,13 @@ from eldir_cad.multibody.simpler import (
     without_socket_friction,
     without_socket_range,
 )
-from eldir_hardware.virtual.mujoco_body import MujocoMotion, drawn_multibody
+from eldir_hardware.virtual.mujoco_body import MujocoMotion, sample_multibody
 from tests.calibration.dynamics.hidden_rigs import walker
 from tests.hardware.virtual.multibody_models import FREE, LENGTH, hub, small, strip
 
 pytest.importorskip("mujoco")  # installed with the extra `test`
 BODY = walker().morphology
-DRAWN = drawn_multibody(BODY, 3)
+DRAWN = sample_multibody(BODY, 3)
 
 
 def changed(model: Multibody) -> set[str]:
@@ -37,10 +37,10 @@ def test_each_takes_away_what_it_names_and_nothing_else() -> None:
     alike = with_equal_feet(DRAWN)
     assert changed(alike) == {"hubs"} and len({h.friction for h in alike.hubs}) == 1
     assert [h.inertia for h in alike.hubs] == [h.inertia for h in DRAWN.hubs]
-    assert changed(without_hub_contact(DRAWN)) == {"touching"}
+    assert changed(without_hub_contact(DRAWN)) == {"contact_radius"}
     assert changed(without_socket_friction(DRAWN)) == {"socket_friction"}
-    assert changed(without_socket_range(DRAWN)) == {"turn"}
-    assert set(SIMPLER.values()) == {
+    assert changed(without_socket_range(DRAWN)) == {"max_rotation"}
+    assert set(SIMPLIFICATIONS.values()) == {
         with_pins,
         without_socket_friction,
         without_socket_range,
@@ -52,7 +52,7 @@ def test_each_takes_away_what_it_names_and_nothing_else() -> None:
 
 def test_pins_leave_masses_friction_and_the_distances_of_the_built_scene() -> None:
     points, there = with_pins(DRAWN), build(BODY)
-    assert points.tilt == DRAWN.tilt and points.touching == DRAWN.touching
+    assert points.tilt == DRAWN.tilt and points.contact_radius == DRAWN.contact_radius
     assert [h.friction for h in points.hubs] == [h.friction for h in DRAWN.hubs]
     assert [h.inertia.mass for h in points.hubs] == [h.inertia.mass for h in DRAWN.hubs]
     drawn = [s.length - LENGTH for s in DRAWN.strips]
@@ -74,7 +74,7 @@ def test_sockets_let_a_strip_turn_without_their_range_and_their_friction() -> No
 
     heavy, light = hub(0.0, mass=1e3, inertia=1e3), hub(LENGTH + 2 * 3.7e-3)
     held = small(
-        [heavy, light], [strip()], socket=3.7e-3, turn=np.radians(15), socket_friction=2e-4, drag=20.0
+        [heavy, light], [strip()], socket=3.7e-3, max_rotation=np.radians(15), socket_friction=2e-4, drag=20.0
     )
     assert turned(held, 0.2) < 25 < turned(without_socket_range(held), 0.2)
     weak = 0.8 * 2e-4 / LENGTH
@@ -88,7 +88,7 @@ def test_hubs_pass_through_each_other_without_contact() -> None:
         motion.follow(np.zeros((21, 0)), 0.05)
         return float(motion.positions[0, 0] - motion.positions[1, 0])
 
-    apart = small([hub(0.0), hub(0.05)], corner=7e-3, turn=0.2, drag=20.0)
+    apart = small([hub(0.0), hub(0.05)], corner=7e-3, max_rotation=0.2, drag=20.0)
     assert least(apart) < -0.011
     assert least(without_hub_contact(apart)) > 0, "they have changed places"
 

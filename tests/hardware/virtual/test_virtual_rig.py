@@ -15,7 +15,7 @@ from eldir_hardware.relay.errors import ContactError, RelayError
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.run.player import Player
 from eldir_hardware.schedule import ActuationSchedule
-from eldir_hardware.virtual.bodies import far_from
+from eldir_hardware.virtual.bodies import sample_large_spread
 from eldir_hardware.virtual.rig import VirtualRig
 from eldir_hardware.virtual.springs import STEP
 from tests.hardware.rigs_and_schedules import gait, rig_with
@@ -50,7 +50,7 @@ def played():
 def test_five_cycles_take_seconds(played):
     schedule, _, notes, wall = played
     assert schedule.duration == 123 and wall < 20
-    assert notes.played.latest_s < 1e-6
+    assert notes.played.max_delay_s < 1e-6
 
 
 def test_contacts_move_as_scheduled(played):
@@ -58,7 +58,7 @@ def test_contacts_move_as_scheduled(played):
     wanted = [
         (t, channel, on) for t, changes in schedule.switchings() for channel, on in sorted(changes.items())
     ]
-    edges = sorted(virtual.emulator.edges, key=lambda e: (round(e.t), e.channel))
+    edges = sorted(virtual.emulator.contact_events, key=lambda e: (round(e.t), e.channel))
     assert [(e.channel, e.closed) for e in edges] == [(c, on) for _, c, on in wanted]
     delays = np.array([e.t - virtual.start - t for e, (t, _, _) in zip(edges, wanted, strict=True)])
     assert np.abs(delays).max() < 0.0022, "sent ahead by wire and contact time; two frames take 4 ms each"
@@ -83,9 +83,9 @@ def test_springs_are_heated_by_the_contacts(played):
     grid = virtual.start + dt * np.arange(round(schedule.duration / dt))
     on = np.zeros((len(grid), 2))
     for column, channel in enumerate((1, 2)):
-        for edge in (e for e in virtual.emulator.edges if e.channel == channel):
+        for edge in (e for e in virtual.emulator.contact_events if e.channel == channel):
             on[grid >= edge.t, column] = edge.closed
-    lengths = heat(on, dt, virtual.springs._parameters[:2]).length.mean(axis=1)
+    lengths = heat(on, dt, virtual.springs.parameters[:2]).length.mean(axis=1)
     seen = np.array([f.positions[1, 0] for f in notes.frames])
     expected = np.interp(times, grid - virtual.start, lengths)
     inside = (times > 1) & (times < schedule.duration - 1)
@@ -95,9 +95,9 @@ def test_springs_are_heated_by_the_contacts(played):
 
 def test_modelled_temperatures_are_near_but_not_the_true_ones(played):
     _, virtual, notes, _ = played
-    assert abs(notes.played.peak_c - virtual.springs.peak) < 6
-    assert notes.played.peak_c != pytest.approx(virtual.springs.peak, abs=1e-3)
-    assert virtual.springs.peak < 90
+    assert abs(notes.played.peak_c - virtual.springs.max_temperature_c) < 6
+    assert notes.played.peak_c != pytest.approx(virtual.springs.max_temperature_c, abs=1e-3)
+    assert virtual.springs.max_temperature_c < 90
     model = np.array([t for _, t in notes.temperatures])
     assert model.max() == pytest.approx(notes.played.peak_c, abs=3)
 
@@ -105,9 +105,9 @@ def test_modelled_temperatures_are_near_but_not_the_true_ones(played):
 def test_a_board_that_times_its_pulses_plays_the_same_schedule(played):
     schedule = compile_schedule(gait(), rig_with(), cycles=1)
     virtual, notes = play(rig_with(board={"kind": "modbus", "retriggerable": True}), schedule)
-    assert len(virtual.emulator.edges) == 2 * 8
+    assert len(virtual.emulator.contact_events) == 2 * 8
     heated = {}
-    for edge in virtual.emulator.edges:
+    for edge in virtual.emulator.contact_events:
         heated[edge.channel] = heated.get(edge.channel, 0.0) + (-edge.t if edge.closed else edge.t)
     assert list(heated.values()) == pytest.approx([2 * 5.5] * 4, abs=0.05)
     assert notes.played.peak_c == pytest.approx(played[2].played.peak_c, abs=1.0)
@@ -126,7 +126,7 @@ def test_the_seed_decides():
 def test_a_far_rig_has_springs_of_its_own():
     """Their length, cold, is the far robot's, but for the scatter of one millimetre between its springs."""
     far = rig_with(virtual={"seed": 5, "parameter_spread": "large"})
-    springs = far_from(RobotParameters(springs=far.spring_parameters()), far.virtual.seed).springs
+    springs = sample_large_spread(RobotParameters(springs=far.spring_parameters()), far.virtual.seed).springs
     with VirtualRig(far, Piston(), springs) as virtual:
         frame = virtual.frame(virtual.clock.now() + 0.1)
     length = frame.positions[1, 0]
@@ -141,7 +141,7 @@ def at(t: float, fault):
     """Meddle with the board at a time of the schedule."""
 
     def meddle(virtual: VirtualRig) -> None:
-        virtual.clock.at(virtual.start + t, lambda _: fault(virtual.emulator.faults))
+        virtual.clock.call_at(virtual.start + t, lambda _: fault(virtual.emulator.faults))
 
     return meddle
 
@@ -150,14 +150,14 @@ def test_a_welded_contact_is_opened_by_the_cutoff():
     schedule = compile_schedule(gait(), rig_with(), cycles=1)
     virtual, _ = play(rig_with(), schedule, at(1.0, lambda f: f.welded.add(1)))
     assert virtual.emulator.contacts == (True, False, False, False)
-    assert virtual.springs.peak < 75
+    assert virtual.springs.max_temperature_c < 75
     without = rig_with()
     with VirtualRig(without.model_copy(update={"cutoff": None}), Piston()) as virtual:
         virtual.emulator.faults.welded.add(1)
         virtual.board.send({1: True})
         virtual.clock.sleep_until(30.0)
         virtual.frame(30.0)
-        assert virtual.springs.peak > 80, "what the cut-off prevents"
+        assert virtual.springs.max_temperature_c > 80, "what the cut-off prevents"
 
 
 @pytest.mark.parametrize(
@@ -173,14 +173,14 @@ def test_a_fault_while_heating_ends_with_everything_off(fault, error):
     virtual, notes = play(rig_with(), schedule, at(4.0, fault))
     assert isinstance(notes.error, error)
     assert virtual.emulator.contacts == (False,) * 4
-    assert max(e.t for e in virtual.emulator.edges) - virtual.start < 15
-    assert virtual.springs.peak < 90
+    assert max(e.t for e in virtual.emulator.contact_events) - virtual.start < 15
+    assert virtual.springs.max_temperature_c < 90
 
 
 def test_no_specimen_passes_the_ceiling_even_with_a_welded_contact():
     """Full pulses of the longest length, then one held until the cut-off acts, for 300 sets of springs."""
     rig, rng = rig_with(), np.random.default_rng(2)
-    specimens = [rig.spring_parameters().perturbed(rng) for _ in range(300)]
+    specimens = [rig.spring_parameters().perturb(rng) for _ in range(300)]
     steps = round(20 / STEP)
     times = np.tile(np.arange(steps) * STEP, 3)
     on = times < rig.limits.max_on_s - 1e-9
@@ -194,7 +194,7 @@ def test_an_unplugged_board_is_told_at_once():
     virtual, notes = play(
         rig_with(),
         schedule,
-        lambda v: v.clock.at(v.start + 5.0, lambda _: v.emulator.unplug()),
+        lambda v: v.clock.call_at(v.start + 5.0, lambda _: v.emulator.unplug()),
     )
     assert isinstance(notes.error, RelayError)
     assert "cut the heating supply" in str(notes.error)
@@ -206,13 +206,13 @@ def test_the_player_refuses_what_the_limits_refuse():
     with VirtualRig(rig_with(), Piston()) as virtual:
         with raises(EldirError, "limit.stuck-contact"):
             PulseController(virtual.board, rig_with(cutoff=None), virtual.clock)
-        assert virtual.emulator.edges == []
+        assert virtual.emulator.contact_events == []
 
 
 def test_a_virtual_clock_does_what_is_due_in_order():
     clock, done = VirtualClock(), []
-    clock.at(2.0, done.append)
-    clock.at(1.0, lambda t: clock.at(1.5, done.append))
+    clock.call_at(2.0, done.append)
+    clock.call_at(1.0, lambda t: clock.call_at(1.5, done.append))
     clock.sleep_until(1.7)
     assert done == [1.5] and clock.now() == 1.7
     clock.sleep_until(1.0)

@@ -8,7 +8,7 @@ import pytest
 from eldir.errors import EldirError
 from eldir_hardware.camera.plane import Image, Plane, TagBoard
 from eldir_hardware.vision.live_tracking import LiveTracker
-from eldir_hardware.vision.pipeline import follow
+from eldir_hardware.vision.pipeline import track_frames
 from eldir_hardware.vision.recording_setup import CALIBRATION_FRAMES
 from eldir_hardware.vision.virtual_camera import VirtualCamera
 from tests.hardware.vision.walking_films import BODY, MARKED, NAMES
@@ -35,7 +35,7 @@ def test_it_gives_what_tracking_the_whole_film_gives(filmed: Filmed) -> None:
     assert [stamp for stamp, _, _ in flat] == [stamp for stamp, _ in pictures]
     assert all(a is b for (_, _, a), (_, b) in zip(flat, pictures, strict=True))
     np.testing.assert_array_equal(live.plane.homography, plane.homography)  # type: ignore[union-attr]
-    whole = follow(frames[:25], plane, layout=LAYOUT).trajectory.positions
+    whole = track_frames(frames[:25], plane, layout=LAYOUT).trajectory.positions
     np.testing.assert_allclose([places for _, places, _ in flat], whole, atol=1e-9)
 
 

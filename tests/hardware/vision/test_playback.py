@@ -15,12 +15,11 @@ from eldir_hardware.images import jpeg
 from eldir_hardware.log.recorder import Recorder
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.template import virtual_rig
-from eldir_hardware.run.filming import virtual_camera
-from eldir_hardware.run.robot_camera import RobotCamera
-from eldir_hardware.virtual.body import BuiltBody
-from eldir_hardware.virtual.body_process import BodyProcess
-from eldir_hardware.vision.live_overlay import LiveOverlay
-from eldir_hardware.vision.playback import lens_of, timed_pictures
+from eldir_hardware.run.filming import RobotCamera, virtual_camera
+from eldir_hardware.virtual.bodies import BodyProcess, EngineBody
+from eldir_hardware.vision.live_tracking import LiveOverlay
+from eldir_hardware.vision.recording_setup import load_recorded_lens
+from eldir_hardware.vision.sources import timed_pictures
 from tests.eldir.random_design import make_design
 from tests.hardware.log.log_contents import EPOCH, picture
 from tests.hardware.rigs_and_schedules import SCHEDULE
@@ -44,7 +43,7 @@ def test_a_logs_pictures_keep_their_bytes_and_stamps(tmp_path):
     assert [p.stamp_ns for p in shown] == [EPOCH + round(1e9 * t) for t in (0.5, 0.75, 1.5)]
     np.testing.assert_allclose([p.due for p in shown], [0.0, 0.25, 1.0], atol=1e-6)
     assert {p.data for p in shown} == {jpeg.encode(picture(1)).tobytes()}
-    assert lens_of(str(tmp_path / "log.mcap")) is None
+    assert load_recorded_lens(str(tmp_path / "log.mcap")) is None
 
 
 def test_a_folders_pictures_are_due_at_its_rate(tmp_path):
@@ -52,7 +51,7 @@ def test_a_folders_pictures_are_due_at_its_rate(tmp_path):
         cv2.imwrite(str(tmp_path / f"{number}.png"), picture(number))
     shown = list(timed_pictures(str(tmp_path), 4.0))
     assert [(p.due, p.stamp_ns) for p in shown] == [(0.0, None), (0.25, None), (0.5, None)]
-    assert lens_of(str(tmp_path)) is None and lens_of("camera:0") is None
+    assert load_recorded_lens(str(tmp_path)) is None and load_recorded_lens("camera:0") is None
     with raises(InputError, "file.missing"):
         next(timed_pictures(str(tmp_path / "none.mcap"), 4.0))
 
@@ -60,7 +59,7 @@ def test_a_folders_pictures_are_due_at_its_rate(tmp_path):
 def test_the_robots_camera_sees_the_robot_as_a_run_does(folder):
     camera = RobotCamera.load(folder / "rig.yaml", folder / "design.json")
     rig, design = Rig.load(folder / "rig.yaml"), Design.load(folder / "design.json")
-    body = BuiltBody(design.morphology, 4, rig.spring_parameters(), design.ballast / 2)
+    body = EngineBody(design.morphology, 4, rig.spring_parameters(), design.ballast / 2)
     image = camera.render(body.positions)
     again = RobotCamera(rig, design).render(body.positions)
     np.testing.assert_array_equal(image, again)
@@ -69,10 +68,10 @@ def test_the_robots_camera_sees_the_robot_as_a_run_does(folder):
     assert len(TagBoard.from_json(json.loads(camera.tags)).ids) >= 4
 
 
-def test_a_body_in_a_worker_process_moves_as_one_in_this_process(folder):
+def test_a_body_in_a_worker_process_moves_as_one_in_this_process_and_tells_what_fails(folder):
     design, rig = Design.load(folder / "design.json"), Rig.load(folder / "rig.yaml")
     springs = rig.spring_parameters()
-    here = BuiltBody(design.morphology, 4, springs, design.ballast / 2)
+    here = EngineBody(design.morphology, 4, springs, design.ballast / 2)
     with BodyProcess("eldir", design.morphology, 4, springs, design.ballast) as there:
         np.testing.assert_array_equal(there.positions, here.positions)
         np.testing.assert_array_equal(there.springs, here.springs)
@@ -80,11 +79,6 @@ def test_a_body_in_a_worker_process_moves_as_one_in_this_process(folder):
         here.move(lengths, 0.02)
         there.move(lengths, 0.02)
         np.testing.assert_array_equal(there.positions, here.positions)
-
-
-def test_a_worker_process_tells_what_fails(folder):
-    design, springs = Design.load(folder / "design.json"), Rig.load(folder / "rig.yaml").spring_parameters()
-    with BodyProcess("eldir", design.morphology, 4, springs, design.ballast) as there:
         with pytest.raises(InputError, match="expected finite"):
             there.move(np.full((1, design.morphology.motors), np.nan), 0.02)
         with pytest.raises(EldirError, match="process died"):

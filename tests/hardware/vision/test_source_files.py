@@ -90,7 +90,7 @@ def test_a_film_without_times_is_tracked_at_the_rate_that_is_given(recordings: P
     assert found.times.tolist() == pytest.approx(TIMES[:20].tolist())
     assert rms_mm(found.positions, truth(TIMES[:20])) < 0.3
     result = eldir("track", recordings / "walk.avi", *call[2:-1], tmp_path / "no.json", "--rate", "10")
-    assert result.exit_code == 2 and "has them; remove it" in said(result)
+    assert result.exit_code == 2 and "has timestamps; remove it" in said(result)
 
 
 @pytest.mark.parametrize(

@@ -17,22 +17,20 @@ import typer
 from typer.testing import CliRunner
 
 from eldir.controller import Controller
-from eldir.design import Design
+from eldir.design import Design, marked_masses
 from eldir.errors import EldirError, InputError
 from eldir.genotype import random_genotypes
 from eldir.lattice import Lattice
-from eldir.marks import marked_masses
 from eldir.morphology import develop
 from eldir.scene import Scene
 from eldir.trajectory import Trajectory
 from eldir_app.commands.track import track as track_command
 from eldir_hardware.camera.plane import FieldOfView, TagBoard
 from eldir_hardware.images.jpeg import decode
-from eldir_hardware.log.attachments import read_attachment
-from eldir_hardware.log.reader import read_log
+from eldir_hardware.log.reader import read_attachment, read_log
 from eldir_hardware.log.recorder import Recorder
-from eldir_hardware.vision.pipeline import track_discs, track_log
-from eldir_hardware.vision.recording_setup import plane_from_frames
+from eldir_hardware.vision.pipeline import track_frames, track_log
+from eldir_hardware.vision.recording_setup import calibrate_from_frames
 from eldir_hardware.vision.sources import open_source
 from eldir_hardware.vision.virtual_camera import VirtualCamera
 from tests.hardware.vision.walking_films import (
@@ -48,7 +46,9 @@ from tests.raised import raises
 @pytest.mark.parametrize(("name", "worst_mm"), [("walk.avi", 0.3), ("pictures", 0.1), ("walk.mcap", 0.1)])
 def test_every_source_gives_the_same_motion(recordings: Path, name: str, worst_mm: float) -> None:
     source = open_source(recordings / name, rate=10.0)
-    found = track_discs(source, plane_from_frames(source, TagBoard.load(recordings / "tags.json")))
+    found = track_frames(
+        source, calibrate_from_frames(source, TagBoard.load(recordings / "tags.json"))
+    ).trajectory
     np.testing.assert_allclose(found.times, TIMES[:20], atol=1e-6)
     assert rms_mm(found.positions, truth(TIMES[:20])) < worst_mm
 

@@ -21,17 +21,16 @@ from eldir.errors import InputError
 from eldir.trajectory import Trajectory
 from eldir_app.commands.calibrate.plane import plane as calibrate_plane_command
 from eldir_app.commands.track import track as track_command
+from eldir_hardware.camera.lens import require_not_expired, validity_period
 from eldir_hardware.camera.plane import Image, Plane
-from eldir_hardware.camera.tags import calibrate_plane
-from eldir_hardware.camera.validity import require_valid, valid_for
+from eldir_hardware.camera.plane_fit import calibrate_plane
 from eldir_hardware.log.recorder import Recorder
 from eldir_hardware.markers import discs
-from eldir_hardware.run.filming import room
-from eldir_hardware.schedule import ActuationSchedule
-from eldir_hardware.schedule_prediction import SchedulePrediction
+from eldir_hardware.run.filming import visible_range
+from eldir_hardware.schedule import ActuationSchedule, SchedulePrediction
 from eldir_hardware.vision.live import CameraDevice
-from eldir_hardware.vision.pipeline import follow
-from eldir_hardware.vision.sources import open_source, recorded_at
+from eldir_hardware.vision.pipeline import track_frames
+from eldir_hardware.vision.sources import open_source, recording_time
 from eldir_hardware.vision.tracking_quality import TrackingQuality
 from eldir_hardware.vision.virtual_camera import VirtualCamera
 from tests.eldir.random_design import make_design
@@ -63,7 +62,7 @@ def test_half_a_second_behind_a_card_is_bridged_and_flagged(filmed: Filmed, tmp_
             if first <= i <= last:
                 cover(image, camera, truth()[i, mark])
         hidden.append((t, image))
-    found = follow(hidden, plane, layout=BODY[MARKED])
+    found = track_frames(hidden, plane, layout=BODY[MARKED])
     flagged = np.zeros((60, 5), bool)
     flagged[20:24, 2] = True
     np.testing.assert_array_equal(found.trajectory.bridged, flagged)
@@ -105,7 +104,7 @@ def test_lost_and_repeated_frames_are_counted(filmed: Filmed) -> None:
     kept = [f for i, f in enumerate(frames[:30]) if i not in (5, 12, 13)]  # three are lost
     kept.insert(10, kept[9])  # with its time
     kept[21] = (kept[21][0], kept[20][1])  # an old picture with a new time
-    quality = follow(kept, plane, layout=BODY[MARKED]).quality
+    quality = track_frames(kept, plane, layout=BODY[MARKED]).quality
     assert (quality.dropped_frames, quality.repeated_times, quality.repeated_pictures) == (3, 1, 1)
     assert quality.frames == 27 and quality.rate_hz == pytest.approx(10)
     assert any("3 frames are missing" in r for r in quality.remarks(NAMES))
@@ -179,33 +178,37 @@ def test_the_light_may_fall_off_by_two_thirds_over_the_picture() -> None:
     times = TIMES[::2]
     bright = film(camera, times, far)
     frames = [(t, np.clip(image * shade, 0, 255).astype(np.uint8)) for t, image in bright]
-    found = follow(frames, calibrate_plane([f for _, f in frames[:4]], camera.board), layout=BODY[MARKED])
+    found = track_frames(
+        frames, calibrate_plane([f for _, f in frames[:4]], camera.board), layout=BODY[MARKED]
+    )
     assert np.mean(found.quality.seen) > 0.99
     assert rms_mm(found.trajectory.positions, truth(times, far)) < 0.15
 
 
 def test_a_camera_that_moves_is_named(filmed: Filmed) -> None:
     _, frames, plane = filmed
-    assert follow(frames, plane, layout=BODY[MARKED]).quality.camera_drift_px < 0.2
+    assert track_frames(frames, plane, layout=BODY[MARKED]).quality.camera_drift_px < 0.2
     moved = [(t, np.roll(image, 4, axis=1) if t > 3 else image) for t, image in frames]
     with raises(InputError, "camera.moved", match=r"4\.0 s.*found 4\.0 px"):
-        follow(moved, plane, layout=BODY[MARKED])
+        track_frames(moved, plane, layout=BODY[MARKED])
     nudged = [(t, np.roll(image, 1, axis=0) if t > 3 else image) for t, image in frames]
-    quality = follow(nudged, plane, layout=BODY[MARKED]).quality
+    quality = track_frames(nudged, plane, layout=BODY[MARKED]).quality
     assert quality.camera_drift_px == pytest.approx(1.0, abs=0.1)
     assert any("drifted by 1.0 px" in r for r in quality.remarks(NAMES))
 
 
 def test_motion_out_of_the_plane_shows_in_the_size(filmed: Filmed, monkeypatch: pytest.MonkeyPatch) -> None:
     camera, frames, plane = filmed
-    steady = follow(frames, plane, layout=BODY[MARKED]).quality
+    steady = track_frames(frames, plane, layout=BODY[MARKED]).quality
     assert max(steady.size_change) < 0.03
     nearer = []
     for t in TIMES.tolist():
         larger = 1 + 0.12 * np.sin(max(t - 0.5, 0))
-        monkeypatch.setattr(camera, "_marker", replace(discs.MARKER, paint=partial(_paint_larger, larger)))
+        monkeypatch.setattr(
+            camera, "marker_kind", replace(discs.MARKER, paint=partial(_paint_larger, larger))
+        )
         nearer.append((t, camera.render(walk(t), SPRINGS, MARKED)))
-    quality = follow(nearer, plane, layout=BODY[MARKED]).quality
+    quality = track_frames(nearer, plane, layout=BODY[MARKED]).quality
     assert quality.size_change == pytest.approx([0.12] * 5, abs=0.04)
     assert any("m1, m2, m3, m4, m5 left the plane" in r for r in quality.remarks(NAMES))
 
@@ -255,13 +258,13 @@ def test_an_option_that_does_not_count_is_refused(recordings: Path, tmp_path: Pa
     with Recorder(tmp_path / "with design.mcap") as log:
         log.attach("design.json", (tmp_path / "design.json").read_bytes())
     for source, options, line in (
-        (recordings / "walk.mcap", {"seconds": 3.0}, "--seconds counts only for a camera"),
-        (recordings / "pictures", {"seconds": 10.0, "rate": 10.0}, "--seconds counts only for a camera"),
-        (recordings / "walk.mcap", {"rate": 5.0}, "--rate counts only for pictures without timestamps"),
-        (recordings / "walk.avi", {"rate": 5.0}, "--rate counts only for pictures without timestamps"),
-        (tmp_path / "timed", {"rate": 5.0}, "--rate counts only for pictures without timestamps"),
-        (recordings / "walk.avi", {"marks": 2, "design": tmp_path / "design.json"}, "--marks counts only"),
-        (tmp_path / "with design.mcap", {"marks": 2}, "--marks counts only without a design"),
+        (recordings / "walk.mcap", {"seconds": 3.0}, "--seconds is only for cameras"),
+        (recordings / "pictures", {"seconds": 10.0, "rate": 10.0}, "--seconds is only for cameras"),
+        (recordings / "walk.mcap", {"rate": 5.0}, "--rate is only for pictures without timestamps"),
+        (recordings / "walk.avi", {"rate": 5.0}, "--rate is only for pictures without timestamps"),
+        (tmp_path / "timed", {"rate": 5.0}, "--rate is only for pictures without timestamps"),
+        (recordings / "walk.avi", {"marks": 2, "design": tmp_path / "design.json"}, "--marks is only"),
+        (tmp_path / "with design.mcap", {"marks": 2}, "--marks is only for films without a design"),
     ):
         with pytest.raises(typer.BadParameter, match=line):
             track_command(source, out=tmp_path / "walk.json", tags=recordings / "tags.json", **options)
@@ -270,20 +273,20 @@ def test_an_option_that_does_not_count_is_refused(recordings: Path, tmp_path: Pa
 
 
 def test_a_calibration_holds_for_its_days() -> None:
-    made = valid_for(7)
+    made = validity_period(7)
     now = datetime.now(UTC)
-    require_valid(made, now + timedelta(days=6.9), "plane.json")
-    require_valid({}, now, "plane.json")
+    require_not_expired(made, now + timedelta(days=6.9), "plane.json")
+    require_not_expired({}, now, "plane.json")
     with raises(InputError, "camera.expired"):
-        require_valid(made, now + timedelta(days=7.1), "plane.json")
+        require_not_expired(made, now + timedelta(days=7.1), "plane.json")
     with raises(InputError, "file.damaged", match="a date in expires"):
-        require_valid({"expires": "soon"}, now, "plane.json")
+        require_not_expired({"expires": "soon"}, now, "plane.json")
 
 
 def test_a_recording_knows_when_it_was_made(recordings: Path) -> None:
     now = datetime.now(UTC)
-    assert abs(recorded_at(open_source(recordings / "walk.avi")) - now) < timedelta(minutes=5)
-    assert abs(recorded_at(open_source(recordings / "walk.mcap")) - now) < timedelta(minutes=5)  # virtual
+    assert abs(recording_time(open_source(recordings / "walk.avi")) - now) < timedelta(minutes=5)
+    assert abs(recording_time(open_source(recordings / "walk.mcap")) - now) < timedelta(minutes=5)  # virtual
 
 
 def test_the_view_fits_the_predicted_travel() -> None:
@@ -291,8 +294,10 @@ def test_the_view_fits_the_predicted_travel() -> None:
         predicted = SchedulePrediction.from_json({"method": "search", "displacement": {"search": walk}})
         return ActuationSchedule(20.0, events=(), cycles=10, conditioning_cycles=0, predicted=predicted)
 
-    ahead, behind = room(schedule(mean=1.2, spread=0.2))
+    ahead, behind = visible_range(schedule(mean=1.2, spread=0.2))
     assert ahead == pytest.approx(2 * 1.2 + 3 * 2 * 0.2 + 0.3) and behind == 1.0
-    ahead, behind = room(schedule(mean=-1.2, spread=0.0))
+    ahead, behind = visible_range(schedule(mean=-1.2, spread=0.0))
     assert ahead == 1.0 and behind == pytest.approx(2.7)
-    assert room(schedule(mean=None)) == room(ActuationSchedule(20.0, events=())) == (1.3, 1.3)
+    assert (
+        visible_range(schedule(mean=None)) == visible_range(ActuationSchedule(20.0, events=())) == (1.3, 1.3)
+    )

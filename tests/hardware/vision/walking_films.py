@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from eldir_hardware.camera.plane import FieldOfView, Plane
-from eldir_hardware.camera.tags import calibrate_plane
+from eldir_hardware.camera.plane_fit import calibrate_plane
 from eldir_hardware.log.recorder import Recorder
-from eldir_hardware.markers.mark_sheet import PALETTE
+from eldir_hardware.markers.registration import PALETTE
 from eldir_hardware.vision.virtual_camera import VirtualCamera
 
 NAMES = tuple(PALETTE)
@@ -51,8 +51,8 @@ def rms_mm(found: np.ndarray, true: np.ndarray) -> float:
 
 def cover(image: np.ndarray, camera: VirtualCamera, place: np.ndarray, width: float = 0.03) -> None:
     """Hold a grey card before a place in the picture."""
-    x, y = np.round(camera._secrets.lens.to_pixels(place)).astype(int)
-    half = round(width / 2 * camera._secrets.lens.pixels_per_metre(place))
+    x, y = np.round(camera.plane.to_pixels(place)).astype(int)
+    half = round(width / 2 * camera.plane.pixels_per_metre(place))
     image[y - half : y + half + 1, x - half : x + half + 1] = 90
 
 

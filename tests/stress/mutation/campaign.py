@@ -29,7 +29,7 @@ MODULES = (
     "hardware/eldir_hardware/rig/board_identity.py",
     "hardware/eldir_hardware/rig/port_holder.py",
     "hardware/eldir_hardware/rig/supply.py",
-    "hardware/eldir_hardware/rig/board_hints.py",
+    "hardware/eldir_hardware/rig/_board_hints.py",
     "hardware/eldir_hardware/run/player.py",
 )
 TESTS = (

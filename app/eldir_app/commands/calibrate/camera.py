@@ -41,42 +41,52 @@ def camera(
     eldir calibrate camera photos/ --out camera.json --map views.png
     """
     from eldir.core.files import require_ending, require_new, write_bytes
-    from eldir_hardware.camera.lens_fit import calibrate_lens, coverage_map
-    from eldir_hardware.camera.views import find_views
-    from eldir_hardware.camera.views import sheet as make_sheet
-    from eldir_hardware.vision.sources import named_pictures, open_source
+    from eldir_hardware.camera.views import pattern_sheet as make_sheet
 
     if (sheet is None) == (source is None) or (source is None) != (out is None):
         raise typer.BadParameter("give either --sheet FILE alone, or pictures and --out FILE")
     require_ending("--sheet", sheet, ".pdf")
     require_ending("--map", picture, ".png")
     require_new(out, sheet, picture)
-    pattern = _pattern(chessboard, square_mm)
+    pattern = _parse_pattern(chessboard, square_mm)
     if sheet is not None:
         write_bytes(sheet, make_sheet(pattern))
         print(f"wrote {sheet}: print it at 100 %, then check with a ruler that ten squares are 250 mm wide")
         return
     assert source is not None and out is not None
+    print(_calibrate(source, pattern, seconds, out, picture))
+
+
+def _calibrate(source: str, pattern: Pattern, seconds: float, out: Path, picture: Path | None) -> str:
+    """Write the lens file and the picture; return a line about the result."""
+    from eldir.core.files import write_bytes
+    from eldir_hardware.camera.lens_fit import calibrate_lens, coverage_map
+    from eldir_hardware.camera.views import find_views
+    from eldir_hardware.vision.sources import calibration_pictures, open_source
+
     frames = open_source(source, rate=1.0, seconds=seconds)
-    found = calibrate_lens(find_views(named_pictures(frames), pattern), {"source": str(source)})
-    lens = found.lens
+    fit = calibrate_lens(find_views(calibration_pictures(frames), pattern), {"source": str(source)})
+    lens = fit.lens
     lens.save(out)
     if picture is not None:
-        write_bytes(picture, coverage_map(found))
+        write_bytes(picture, coverage_map(fit))
     low, high = lens.rms_interval_px
-    print(
+    rejected = f"; views left out because of large errors: {', '.join(fit.outliers)}" if fit.outliers else ""
+    return (
         f"{out}: focal length {lens.focal_px[0]:.1f} +- {2 * lens.deviation[0]:.1f} px, "
-        f"error {lens.rms_px:.2f} px ({low:.2f} to {high:.2f}), {len(found.views)} views"
-        + (f"; views left out because of large errors: {', '.join(found.left_out)}" if found.left_out else "")
+        f"error {lens.rms_px:.2f} px ({low:.2f} to {high:.2f}), {len(fit.views)} views{rejected}"
     )
 
 
-def _pattern(chessboard: str | None, square_mm: float) -> Pattern:
+def _parse_pattern(chessboard: str | None, square_mm: float) -> Pattern:
     from eldir_hardware.camera.views import Pattern
 
     if chessboard is None:
         return Pattern(square=1e-3 * square_mm)
     columns, _, rows = chessboard.partition("x")
     if not (columns.isdigit() and rows.isdigit() and min(int(columns), int(rows)) > 2):
-        raise typer.BadParameter("--chessboard counts inner corners, such as 8x6")
+        raise typer.BadParameter(
+            f"expected the number of inner corners, such as 8x6; found {chessboard!r}",
+            param_hint="--chessboard",
+        )
     return Pattern(int(columns), int(rows), 1e-3 * square_mm, chessboard=True)

@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+if TYPE_CHECKING:
+    from eldir.built.scene import Identification, PrintedScene
+    from eldir.design import Design
+    from eldir_calibration.identification.identification import RobotFilms
 
 _NOTE = "identifying: minutes, a quarter of an hour where every strip gets its own values"
 
@@ -47,13 +53,8 @@ def dynamics(
 
     Example: eldir calibrate dynamics log.mcap --design design.json --weight 74.5 --out scene.json
     """
-    from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn
-
     from eldir.core.files import require_new
     from eldir.design import Design
-    from eldir_app.terminal.progress import bar
-    from eldir_calibration.dynamics.verdict import predictions, sentences
-    from eldir_calibration.identification.identification import films_of, identify_films
 
     require_new(out, figures)
     if weight is not None and not 0 < weight < 10_000:
@@ -61,59 +62,77 @@ def dynamics(
     for name, value, unit in (("current", current, "amperes"), ("voltage", voltage, "volts")):
         if value is not None and not 0 < value < 100:
             raise typer.BadParameter(f"expected more than 0 and less than 100 {unit}", param_hint=f"--{name}")
-    robot = Design.load(design)
-    columns = (
-        SpinnerColumn(),
-        TextColumn("{task.description}: {task.percentage:.0f} %"),
-        TimeElapsedColumn(),
-    )
-    with bar(*columns, note=_NOTE) as progress:
-        task = progress.add_task("reading", total=1.0)
-
-        def show(what: str, part: float) -> None:
-            progress.update(task, description=what, completed=part)
-
-        films = films_of(logs, robot, show)
-        scene = identify_films(
-            films,
-            weight_g=weight,
-            current_a=current,
-            voltage_v=voltage,
-            seed=seed,
-            figures=figures,
-            progress=show,
-        )
+    measured = {"weight_g": weight, "current_a": current, "voltage_v": voltage}
+    films, scene = _identify(logs, Design.load(design), measured, seed, figures)
     scene.save(out)
     if as_json:
         typer.echo(out.read_text(), nl=False)
         return
-    results = scene.identification
-    for name, q in results.quantities.items():
-        low, high = q.interval
-        mark = " " if q.identified else "?"
-        typer.echo(
-            f"{mark} {name:15} {q.value:10.4g} {q.unit:9} 95 %: {low:.4g} to {high:.4g}, "
-            f"nominal {q.nominal:.4g}"
+    for line in (*_parameter_lines(scene.identification), *_film_lines(films, current, voltage)):
+        typer.echo(line)
+    typer.echo(f"wrote {out}: {_prediction_error(scene.identification)}")
+
+
+def _identify(
+    logs: list[Path], design: Design, measured: dict[str, float | None], seed: int, figures: Path | None
+) -> tuple[RobotFilms, PrintedScene]:
+    """The films of the logs, and the scene that was identified from them, with a progress bar."""
+    from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    from eldir_app.progress import progress_bar
+    from eldir_calibration.identification.identification import identify_films, read_films
+
+    percentage = TextColumn("{task.description}: {task.percentage:.0f} %")
+    with progress_bar(SpinnerColumn(), percentage, TimeElapsedColumn(), note=_NOTE) as progress:
+        task = progress.add_task("reading", total=1.0)
+
+        def show(stage: str, fraction: float) -> None:
+            progress.update(task, description=stage, completed=fraction)
+
+        films = read_films(logs, design, show)
+        return films, identify_films(films, seed=seed, figures=figures, progress=show, **measured)
+
+
+def _parameter_lines(result: Identification) -> Iterator[str]:
+    """A line for each parameter with its interval, then what the logs do not determine, and the verdicts."""
+    from eldir_calibration.dynamics.verdict import describe_model, describe_predictions
+
+    for name, quantity in result.quantities.items():
+        low, high = quantity.interval
+        mark = " " if quantity.identified else "?"
+        yield (
+            f"{mark} {name:15} {quantity.value:10.4g} {quantity.unit:9} 95 %: {low:.4g} to {high:.4g}, "
+            f"nominal {quantity.nominal:.4g}"
         )
-    if results.not_identified:
-        typer.echo(f"? these logs do not determine: {', '.join(results.not_identified)}")
-    held, left = results.held_out_cycle, results.left_m.shape
-    for line in sentences(results.model) + predictions(results):
-        typer.echo(f"! {line}")
+    if result.not_identified:
+        yield f"? these logs do not determine: {', '.join(result.not_identified)}"
+    for line in describe_model(result.model) + describe_predictions(result):
+        yield f"! {line}"
+
+
+def _film_lines(films: RobotFilms, current: float | None, voltage: float | None) -> Iterator[str]:
+    """What the logs measured, and which gaits they show."""
     if films.readings is not None:
-        read, replaced = films.readings, [n for n, v in (("current", current), ("voltage", voltage)) if v]
-        typer.echo(
-            f"measured in the logs: {read.current_a:.3f} A and {read.voltage_v:.3f} V at hot springs, "
-            f"{read.pulses} pulses, known to {read.error:.1%}"
-            + (f"; not used: {' and '.join(replaced)}, given as options" if replaced else "")
+        readings = films.readings
+        given = [name for name, value in (("current", current), ("voltage", voltage)) if value]
+        unused = f"; not used: {' and '.join(given)}, given as options" if given else ""
+        yield (
+            f"measured in the logs: {readings.current_a:.3f} A and {readings.voltage_v:.3f} V at hot "
+            f"springs, {readings.pulses} pulses, known to {readings.error:.1%}{unused}"
         )
     for gait in films.filmed_gaits:
-        typer.echo(f"filmed in {gait.log}: {gait.in_words}")
+        yield f"filmed in {gait.log}: {gait.summary}"
+
+
+def _prediction_error(result: Identification) -> str:
+    """How much better the held-out cycle is predicted."""
+    held_out = result.held_out_cycle
     walk = ", ".join(
-        f"{kind} unknown" if w is None else f"{kind} {w:+.2f}" for kind, w in (held.walk or {}).items()
+        f"{kind} unknown" if lengths is None else f"{kind} {lengths:+.2f}"
+        for kind, lengths in (held_out.walk or {}).items()
     )
-    typer.echo(
-        f"wrote {out}: residual {1e3 * left:.2f} mm (root mean square); error of the vertical ranges in the "
-        f"held-out cycle {held.error_before:.1%} before, {held.error_after:.1%} after; its walk in "
-        f"body lengths per five cycles: {walk}"
+    return (
+        f"residual {1e3 * result.left_m.shape:.2f} mm (root mean square); error of the vertical ranges in "
+        f"the held-out cycle {held_out.error_before:.1%} before, {held_out.error_after:.1%} after; its "
+        f"walk in body lengths per five cycles: {walk}"
     )

@@ -31,24 +31,26 @@ def springs(
     from dataclasses import asdict
 
     from eldir.core.files import require_new
-    from eldir_calibration.identification.spring_record import load_recording, rig_with_springs
-    from eldir_calibration.springs.fit import fit_springs
+    from eldir_calibration.identification.spring_record import load_spring_recording, write_rig_with_springs
+    from eldir_calibration.springs.fit import fit_spring
     from eldir_hardware.rig.configuration import Rig
 
     require_new(out)
-    fit = fit_springs(load_recording(recording), Rig.load(rig).spring_parameters())
-    rig_with_springs(rig, fit, out)
+    fit = fit_spring(load_spring_recording(recording), Rig.load(rig).spring_parameters())
+    write_rig_with_springs(rig, fit, out)
     if as_json:
         values = {n: asdict(e) for n, e in fit.estimates.items()}
-        quality = {"residual_k": fit.residual, "noise_k": fit.noise, "surroundings_c": fit.surroundings}
+        quality = {"residual_k": fit.residual, "noise_k": fit.noise, "surroundings_c": fit.ambient_range}
         faults = [asdict(f) for f in fit.faults]
-        typer.echo(json.dumps({"estimates": values, **quality, "faults": faults, "left": fit.left}, indent=1))
+        typer.echo(
+            json.dumps({"estimates": values, **quality, "faults": faults, "left": fit.unidentified}, indent=1)
+        )
         return
     for name, estimate in fit.estimates.items():
         typer.echo(f"{name}: {estimate}")
     typer.echo(f"residual: {fit.residual:.2f} K (root mean square); noise of the samples: {fit.noise:.2f} K")
     for remark in fit.remarks:
         typer.echo(f"note: {remark}")
-    if fit.left:
-        typer.echo(f"not determined by this recording, so unchanged: {', '.join(fit.left)}")
+    if fit.unidentified:
+        typer.echo(f"not determined by this recording, so unchanged: {', '.join(fit.unidentified)}")
     typer.echo(f"wrote {out}")

@@ -1,9 +1,9 @@
-"""`eldir rig`: write a rig file, check the rig, play a schedule, emulate a board. A module a sub-command.
+"""`eldir rig`: write a rig file, check the rig, play a schedule, emulate a board. One module for each.
 
-They read options, call one function of a package below and print.
+They read options, call a function of a package below and print.
 """
 
-from eldir_app.terminal.groups import group
+from eldir_app.commands import create_group
 
 ORDER = ("new", "hold", "off", "reset", "drive", "watch", "emulate", "doctor", "firmware")
-rig = group(__name__, ORDER, "Drive the physical or the virtual rig.")
+rig = create_group(__name__, ORDER, "Drive the physical or the virtual rig.")

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from eldir_app.terminal.rig_file import RigFile, real_rig_and_port
+from eldir_app.options import RigFile, load_real_rig
 
 
 def doctor(
@@ -56,8 +56,8 @@ def doctor(
     """
     import json
 
-    from eldir_app.doctor.checks import examine
-    from eldir_app.doctor.warm_springs import show_wiring
+    from eldir_app.doctor import examine
+    from eldir_app.switching_checks import show_wiring
     from eldir_hardware.rig.configuration import Rig
 
     if pulses:
@@ -65,9 +65,9 @@ def doctor(
             raise typer.BadParameter(
                 "disconnect the heating supply, then add --heat-disconnected", param_hint="--pulses"
             )
-        _measure_pulses(rig_file)
-    loaded = Rig.load(rig_file)
-    findings = examine(loaded, rig_file.parent, camera, calibration or (), packet)
+        _measure_retriggerable(rig_file)
+    rig = Rig.load(rig_file)
+    findings = examine(rig, rig_file.parent, camera, calibration or (), packet)
     if as_json:
         typer.echo(json.dumps([f._asdict() for f in findings], indent=1))
     else:
@@ -76,20 +76,21 @@ def doctor(
     if not all(f.ok for f in findings):
         raise typer.Exit(1)
     if wiring:
-        show_wiring(loaded, rig_file, design, lambda text: typer.echo(text, err=True))
+        show_wiring(rig, rig_file, design, lambda text: typer.echo(text, err=True))
 
 
-def _measure_pulses(rig_file: Path) -> None:
+def _measure_retriggerable(rig_file: Path) -> None:
+    """Measure whether a second pulse restarts the board's timer, and write it into the rig file."""
     from eldir.core.files import write_text
     from eldir.core.yaml_files import with_entries
-    from eldir_app.doctor.retrigger import measure_retriggerable
+    from eldir_app.switching_checks import measure_retriggerable
     from eldir_hardware.clock import WallClock
-    from eldir_hardware.rig.boards import open_board
+    from eldir_hardware.rig.devices import open_board
 
-    loaded, _ = real_rig_and_port(rig_file)
+    rig, _ = load_real_rig(rig_file)
     clock = WallClock()
-    with open_board(loaded, clock) as board:
-        restarts = measure_retriggerable(board, clock, loaded.channels[0].channel)
+    with open_board(rig, clock) as board:
+        restarts = measure_retriggerable(board, clock, rig.channels[0].channel)
     write_text(rig_file, with_entries(rig_file.read_text(), "board", {"retriggerable": restarts}))
     typer.echo(
         f"a second pulse {'restarts the timer' if restarts else 'is ignored'}; "

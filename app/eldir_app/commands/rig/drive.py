@@ -5,11 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eldir_app.terminal.rig_file import RigFile
+from eldir_app.options import RigFile
+
+if TYPE_CHECKING:
+    from eldir_hardware.rig.configuration import Rig
+    from eldir_hardware.run.player import Player, RunResult
+    from eldir_hardware.schedule import ActuationSchedule
 
 
 def drive(
@@ -44,63 +49,81 @@ def drive(
     Example: eldir rig drive schedule.json --rig rig.yaml --log log.mcap
     """
     from eldir.core.files import require_ending, require_new
-    from eldir_app.notify.start import notifications
-    from eldir_app.terminal.progress import bar
-    from eldir_hardware.planning.precision import remark
     from eldir_hardware.rig.configuration import Rig
-    from eldir_hardware.rig.packet_wiring import packet_of, wiring_note
-    from eldir_hardware.rig.supply import implausible_springs
-    from eldir_hardware.run.drive import drive_rig, motors_of, robot_file, without_heat
-    from eldir_hardware.run.orders import keys, orders
-    from eldir_hardware.run.player import Player
+    from eldir_hardware.run.drive import to_dry_run
     from eldir_hardware.safety.latch import require_unlatched
-    from eldir_hardware.safety.stop_signals import signals_as_errors
     from eldir_hardware.schedule import ActuationSchedule
-
-    @contextmanager
-    def steer(player: Player) -> Iterator[None]:
-        with keys(player), orders(player):
-            yield
-
-    def rest(seconds: float) -> None:
-        typer.echo(
-            f"note: the springs rest from the run before: the schedule begins in {seconds:.0f} s", err=True
-        )
 
     require_ending("--log", log, ".mcap")
     require_new(log)
-    plan, loaded = ActuationSchedule.load(schedule), Rig.load(rig_file)
-    if note := remark(plan, loaded):
-        typer.echo(f"note: {note}")
-    for note in implausible_springs(loaded).values():
-        typer.echo(f"warning: {note}", err=True)
-    named = plan.provenance.design
-    if design is None and loaded.virtual.design is None and named is not None:
-        design = schedule.parent / named
-    packet = packet_of(robot_file(loaded, rig_file, design), motors_of(plan, loaded))
-    if note := wiring_note(loaded, packet):
-        typer.echo(f"note: not wired as {packet.source} says: {note}")
-    driven = without_heat(loaded) if dry_run else loaded
+    heating, rig = ActuationSchedule.load(schedule), Rig.load(rig_file)
+    if design is None and rig.virtual.design is None and heating.provenance.design is not None:
+        design = schedule.parent / heating.provenance.design
+    _print_notes(heating, rig, rig_file, design)
+    driven = to_dry_run(rig) if dry_run else rig
     if driven.kind == "real" and driven.board.port is not None:
-        require_unlatched(driven.board.port)  # a run that cannot begin leaves no log
-    with (
-        signals_as_errors(),
-        notifications(driven, log),
-        bar() as progress,
-    ):
-        task = progress.add_task("driving", total=plan.duration)
-        played = drive_rig(
-            plan,
-            driven,
-            rig_file,
-            log,
-            design,
-            lambda t: progress.update(task, completed=t),
-            steer=steer,
-            rest=rest,
-            accept_mismatch=accept_mismatch,
-        )
+        require_unlatched(driven.board.port)  # a run that cannot start leaves no log
+    played = _play(heating, driven, rig_file, log, design, accept_mismatch)
     typer.echo(
         f"wrote {log}: {played.duration_s:.0f} s, highest modelled temperature {played.peak_c:.1f} C, "
-        f"latest switching {1e3 * played.latest_s:.0f} ms late"
+        f"latest switching {1e3 * played.max_delay_s:.0f} ms late"
     )
+
+
+def _print_notes(schedule: ActuationSchedule, rig: Rig, rig_file: Path, design: Path | None) -> None:
+    """Print what is unusual about the timing, the springs and the wiring."""
+    from eldir_hardware.planning.compiler import describe_precision
+    from eldir_hardware.rig.supply import find_implausible_springs
+    from eldir_hardware.run.drive import count_motors, find_design
+    from eldir_hardware.safety.compatibility import compare_wiring, packet_wiring
+
+    if note := describe_precision(schedule, rig):
+        typer.echo(f"note: {note}")
+    for warning in find_implausible_springs(rig).values():
+        typer.echo(f"warning: {warning}", err=True)
+    packet = packet_wiring(find_design(rig, rig_file, design), count_motors(schedule, rig))
+    if note := compare_wiring(rig, packet):
+        typer.echo(f"note: not wired as {packet.source} says: {note}")
+
+
+def _play(
+    schedule: ActuationSchedule,
+    rig: Rig,
+    rig_file: Path,
+    log: Path,
+    design: Path | None,
+    accept_mismatch: str,
+) -> RunResult:
+    """Play the schedule with a progress bar, keys, commands from other programs, and notifications."""
+    from eldir_app.notifications import notifications
+    from eldir_app.progress import progress_bar
+    from eldir_hardware.run.drive import DriveConfig, drive_rig
+    from eldir_hardware.run.remote_control import obey_commands, obey_keys
+    from eldir_hardware.safety.stop_signals import signals_as_errors
+
+    @contextmanager
+    def steer(player: Player) -> Iterator[None]:
+        with obey_keys(player), obey_commands(player):
+            yield
+
+    def on_rest(seconds: float) -> None:
+        typer.echo(
+            f"note: the springs cool down from the last run: the schedule starts in {seconds:.0f} s",
+            err=True,
+        )
+
+    with signals_as_errors(), notifications(rig, log), progress_bar() as progress:
+        task = progress.add_task("driving", total=schedule.duration)
+        return drive_rig(
+            schedule,
+            rig,
+            rig_file,
+            log,
+            DriveConfig(
+                design,
+                accept_mismatch,
+                on_time=lambda t: progress.update(task, completed=t),
+                on_rest=on_rest,
+                control=steer,
+            ),
+        )

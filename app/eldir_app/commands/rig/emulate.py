@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eldir_hardware.relay.registration import kinds
+from eldir_hardware.relay.registration import kinds_text
 
 if TYPE_CHECKING:
     from eldir_hardware.emulator.board import ContactEvent, EmulatedBoard
 
 
 def emulate(
-    board: Annotated[str, typer.Option(help=f"Kind of the relay board: {' | '.join(kinds())}.")] = "lcus",
+    board: Annotated[str, typer.Option(help=f"Kind of the relay board: {kinds_text()}.")] = "lcus",
     trace: Annotated[
         Path | None, typer.Option(help="Write every switching of a contact to this file (JSON lines).")
     ] = None,
@@ -27,21 +27,24 @@ def emulate(
 
     Example: eldir rig emulate --board lcus --trace edges.jsonl
     """
-    from eldir_hardware.relay.registration import board_of
-    from eldir_hardware.rig.boards import emulator_of
+    from eldir_hardware.relay.registration import get_board
+    from eldir_hardware.rig.devices import get_emulator
 
-    most = board_of(board).most_channels
-    if channels > most:
-        raise typer.BadParameter(f"a board of kind {board} has at most {most}", param_hint="--channels")
-    _serve(emulator_of(board), channels, trace, lambda port: print(port, flush=True))
+    max_channels = get_board(board).max_channels
+    if channels > max_channels:
+        raise typer.BadParameter(
+            f"a board of kind {board} has at most {max_channels}", param_hint="--channels"
+        )
+    _serve(get_emulator(board), channels, trace, lambda port: print(port, flush=True))
 
 
 def _serve(
     emulator: type[EmulatedBoard], channels: int, trace: Path | None, announce: Callable[[str], None]
 ) -> None:
-    """Offer an emulated board to other programs until SIGINT or SIGTERM; `announce` is called with its port.
+    """Emulate a board for other programs until SIGINT or SIGTERM; `announce` is called with its port.
 
-    Every edge is written to the new file `trace` at once, as a JSON line with the monotonic time.
+    Every switching of a contact is written to the new file `trace` at once, as a JSON line with the monotonic
+    time.
     """
     import json
 
@@ -61,11 +64,11 @@ def _serve(
     except OSError as error:
         raise not_written(trace, error, "choose another place") from None
 
-    def write(edge: ContactEvent) -> None:
+    def write(event: ContactEvent) -> None:
         if file is not None:
-            modulated = {"power": edge.power} if 0 < edge.power < 1 else {}
-            told = {"t_s": edge.t, "channel": edge.channel, "closed": edge.closed} | modulated
-            file.write(json.dumps(told) + "\n")
+            modulation = {"power": event.power} if 0 < event.power < 1 else {}
+            values = {"t_s": event.t, "channel": event.channel, "closed": event.closed} | modulation
+            file.write(json.dumps(values) + "\n")
 
     board = emulator(channels, WallClock(), write)
     announce(board.start())

@@ -13,9 +13,9 @@ import typer
 if TYPE_CHECKING:
     from eldir_hardware.rig.configuration import Rig
 
-_FILES = ("channel_limits.py", "limits.py", "main.py", "modulation.py", "protocol.py")
-_MOST_CHANNELS = 16
-_LONGER_MS = 200  # than the rig's pulses, so that the board ends none of them by its own clock [ms]
+_FILES = ("channel_limits.py", "limits.py", "main.py", "protocol.py")
+_MAX_CHANNELS = 16
+_MARGIN_MS = 200  # above the rig's longest pulse, so that the board's own limit does not end it
 
 
 def firmware(
@@ -36,29 +36,31 @@ def firmware(
 
 
 def _write_firmware(folder: Path, rig: Rig | None = None) -> None:
-    """Write the files to copy onto the board into a new folder; `rig`: with the limits of that rig.
+    """Write the files to copy onto the board into a new folder, with the limits of a rig.
 
-    Raises `InputError` for a rig with more channels than a board has, and where the folder exists.
+    Raises `InputError` for a rig with more channels than a board has, and if the folder exists.
     """
     from eldir.core.files import new_folder
 
     source = files("eldir_hardware.firmware")
-    with new_folder(folder) as made:
+    with new_folder(folder) as draft:
         for name in _FILES:
             text = source.joinpath(name).read_text()
-            (made / name).write_text(_limited(text, rig) if rig is not None and name == "limits.py" else text)
+            if rig is not None and name == "limits.py":
+                text = _with_limits(text, rig)
+            (draft / name).write_text(text)
 
 
-def _limited(text: str, rig: Rig) -> str:
-    """The limits' file with those of a rig."""
+def _with_limits(text: str, rig: Rig) -> str:
+    """The source of limits.py with the limits of a rig."""
     from eldir.core.arguments import require_value
 
     channels = rig.board.channels
-    require_value("board.channels", channels <= _MOST_CHANNELS, f"at most {_MOST_CHANNELS}", channels)
+    require_value("board.channels", channels <= _MAX_CHANNELS, f"at most {_MAX_CHANNELS}", channels)
     steady = () if rig.fan_channel is None else (rig.fan_channel,)
     for name, value in (
         ("PINS", tuple(range(rig.board.channels))),
-        ("LONGEST_ON_MS", math.ceil(1e3 * rig.limits.max_on_s) + _LONGER_MS),
+        ("MAX_ON_MS", math.ceil(1e3 * rig.limits.max_on_s) + _MARGIN_MS),
         ("DUTY_PERCENT", math.ceil(100 * rig.limits.duty - 1e-9)),
         ("STEADY", steady),
     ):

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import os
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from eldir_app.options import DesignFile, ScheduleOutput, ScheduleRigFile
+
 
 def hold(
-    design: Annotated[Path, typer.Argument(help="Design file.")],
-    rig_file: Annotated[Path, typer.Option("--rig", help="Rig file: springs, supply, limits and channels.")],
+    design: DesignFile,
+    rig_file: ScheduleRigFile,
     power: Annotated[float, typer.Option(help="Part of the full power, between 0 and 1.")],
-    out: Annotated[Path, typer.Option(help="Schedule file to write, JSON.")],
+    out: ScheduleOutput,
     seconds: Annotated[float, typer.Option(help="How long to hold, in seconds.")] = 60.0,
     spring: Annotated[
         list[int] | None,
@@ -29,20 +30,20 @@ def hold(
     """
     from eldir.core.files import require_new
     from eldir.design import Design
-    from eldir_hardware.planning.hold import describe, hold_schedule
-    from eldir_hardware.planning.precision import remark
+    from eldir_hardware.planning.compiler import describe_precision
+    from eldir_hardware.planning.hold import describe_hold, hold_schedule
     from eldir_hardware.rig.configuration import Rig
-    from eldir_hardware.rig.supply import implausible_springs
+    from eldir_hardware.rig.supply import find_implausible_springs
 
     require_new(out)
-    loaded, named = Rig.load(rig_file), os.path.relpath(design, out.parent)
-    schedule = hold_schedule(Design.load(design), loaded, power, seconds, spring or (), named)
+    rig, design_file = Rig.load(rig_file), os.path.relpath(design, out.parent)
+    schedule = hold_schedule(Design.load(design), rig, power, seconds, spring or (), design_file)
     schedule.save(out)
-    for note in implausible_springs(loaded).values():
-        typer.echo(f"warning: {note}", err=True)
-    if note := remark(schedule, loaded):
+    for warning in find_implausible_springs(rig).values():
+        typer.echo(f"warning: {warning}", err=True)
+    if note := describe_precision(schedule, rig):
         typer.echo(f"note: {note}")
-    typer.echo(describe(schedule, loaded))
+    typer.echo(describe_hold(schedule, rig))
     pulse = max(p.length for p in schedule.pulses())
     typer.echo(
         f"wrote {out}: pulses of {pulse:.3g} s every {schedule.period_s:.3g} s, {schedule.cycles} times"

@@ -8,16 +8,14 @@ from typing import Annotated
 
 import typer
 
-from eldir_hardware.relay.registration import kinds
-
-_KINDS = " | ".join(kinds())
+from eldir_hardware.relay.registration import kinds_text
 
 
 def new(
     *,
     out: Annotated[Path, typer.Option(help="Rig file to write.")],
     board: Annotated[
-        str, typer.Option(help=f"Kind of the relay board: {_KINDS}; or virtual, for a virtual rig.")
+        str, typer.Option(help=f"Kind of the relay board: {kinds_text()}; or virtual, for a virtual rig.")
     ] = "virtual",
     port: Annotated[
         str | None, typer.Option(help="Serial port of a real board, such as /dev/serial/by-path/...")
@@ -36,28 +34,28 @@ def new(
     """
     from eldir.core.files import require_new, write_text
     from eldir.errors import InputError
-    from eldir_hardware.relay.registration import board_of
-    from eldir_hardware.rig.board_hints import port_problem
+    from eldir_hardware.relay.registration import get_board
+    from eldir_hardware.rig._board_hints import find_port_problem
     from eldir_hardware.rig.template import real_rig, virtual_rig
-    from eldir_hardware.virtual.bodies import best_physics
+    from eldir_hardware.virtual.bodies import default_physics
 
     virtual = board == "virtual"
     if not virtual:
-        board_of(board)
+        get_board(board)
     if virtual == (port is not None):
-        problem = "a virtual rig has no port" if virtual else "a real board needs its port"
-        raise typer.BadParameter(problem, param_hint="--port")
-    if port is not None and (no_port := port_problem(port)):
+        reason = "a virtual rig has no port" if virtual else "a real board needs a serial port"
+        raise typer.BadParameter(reason, param_hint="--port")
+    if port is not None and (problem := find_port_problem(port)):
         raise typer.BadParameter(
-            f"{no_port}: expected a serial port, such as /dev/serial/by-path/...", param_hint="--port"
+            f"{problem}: expected a serial port, such as /dev/serial/by-path/...", param_hint="--port"
         )
     if design is not None and os.fsencode(design) != design.encode(errors="replace"):
         raise InputError(
             "a rig file cannot name this design", expected="a name in UTF-8", found=design, remedy="rename it"
         )
     require_new(out)
-    text = virtual_rig(seed, design, physics=best_physics()) if virtual else real_rig(board, str(port))
+    text = virtual_rig(seed, design, physics=default_physics()) if virtual else real_rig(board, str(port))
     write_text(out, text)
     typer.echo(f"wrote {out}")
     if design is not None and not (out.parent / design).exists():
-        typer.echo(f"note: {out.parent / design} does not exist yet; a rig file names it as seen from there")
+        typer.echo(f"note: {out.parent / design} does not exist yet; the path is relative to the rig file")

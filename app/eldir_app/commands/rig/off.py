@@ -7,18 +7,18 @@ from typing import Annotated
 
 import typer
 
-from eldir_hardware.relay.registration import kinds
+from eldir_hardware.relay.registration import kinds_text
 
 
 def off(
     rig_file: Annotated[
         Path | None,
-        typer.Option("--rig", help="The rig file. It may be damaged: what it still tells is used."),
+        typer.Option("--rig", help="The rig file. It may be damaged: its readable entries are used."),
     ] = None,
     port: Annotated[str | None, typer.Option(help="Serial port of the board, instead of the file's.")] = None,
     board: Annotated[
         str | None,
-        typer.Option(help=f"Kind of the relay board, if nothing else tells it: {' | '.join(kinds())}."),
+        typer.Option(help=f"Kind of the relay board, if it is not in the rig file: {kinds_text()}."),
     ] = None,
 ) -> None:
     """Emergency stop: stop the program that heats, open every contact, and verify it by read-back.

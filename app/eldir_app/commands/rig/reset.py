@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from eldir_app.terminal.rig_file import RigFile, real_rig_and_port
+from eldir_app.options import RigFile, load_real_rig
 
 
 def reset(rig_file: RigFile) -> None:
@@ -16,17 +16,17 @@ def reset(rig_file: RigFile) -> None:
     """
     from eldir_hardware.guardian.measured_heat import require_no_current
     from eldir_hardware.rig.board_identity import identify_open
-    from eldir_hardware.rig.boards import open_board
+    from eldir_hardware.rig.devices import open_board
     from eldir_hardware.safety import spring_memory
     from eldir_hardware.safety.latch import require_proven_open, require_unlatched
 
-    loaded, port = real_rig_and_port(rig_file)
-    with open_board(loaded) as board:
-        device = identify_open(board.handle, port)
+    rig, port = load_real_rig(rig_file)
+    with open_board(rig) as board:
+        device = identify_open(board.file_descriptor, port)
         board.all_off()
         sensors = (record.sensor for record in require_proven_open(device) if record.sensor)
-        measured = require_no_current(loaded, next(sensors, None))
-        spring_memory.reset(device, loaded)
+        measured = require_no_current(rig, next(sensors, None))
+        spring_memory.reset_stop(device, rig)
     require_unlatched(device)
-    proof = f"all {loaded.board.channels} channels are open by the board's report"
-    typer.echo(f"{proof}{f'; {measured}' if measured else ''}; the stop is reset")
+    report = f"all {rig.board.channels} channels are open by the board's report"
+    typer.echo(f"{report}{f'; {measured}' if measured else ''}; the stop is reset")

@@ -43,6 +43,7 @@ def watch(
 
     Example: eldir rig watch --rig rig.yaml
     """
-    from eldir_app.watch.listen import watch as watch_rig
+    from eldir_app.watch.listening import WatchConfig, serve_page
 
-    watch_rig(rig_file, log, listen, host or (), stop_without_token, allow_start, foxglove, typer.echo)
+    config = WatchConfig(rig_file, log, listen, tuple(host or ()), stop_without_token, allow_start, foxglove)
+    serve_page(config, typer.echo)

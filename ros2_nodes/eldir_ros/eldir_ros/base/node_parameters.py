@@ -39,61 +39,61 @@ def declare_number(
 ) -> None:
     """Declare a number from `low` to `high`; a `read_only` one is set at the start only.
 
-    At the start 2 is as good as 2.0. Raises `InputError` for what is no such number.
+    At the start 2 is accepted for 2.0. Raises `InputError` for other values.
     """
-    given = node.declare_parameter(name, default, ParameterDescriptor(dynamic_typing=True)).value
+    value = node.declare_parameter(name, default, ParameterDescriptor(dynamic_typing=True)).value
     node.undeclare_parameter(name)
-    if isinstance(given, bool) or not isinstance(given, int | float) or not low <= given <= high:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
         raise InputError(
             f"the parameter {name} cannot be used",
             expected=f"a number from {low:g} to {high:g}",
-            found=repr(given),
+            found=repr(value),
             remedy=f"--ros-args -p {name}:={default:g}",
         )
     bounds = [FloatingPointRange(from_value=float(low), to_value=float(high))]
     node.declare_parameter(
         name,
-        float(given),
+        float(value),
         ParameterDescriptor(description=description, floating_point_range=bounds, read_only=read_only),
         ignore_override=True,
     )
 
 
 def declare_flag(node: Node, name: str, description: str) -> None:
-    """Declare a choice that is false unless it is set at the start."""
+    """Declare a flag that is set at the start only; false by default."""
     node.declare_parameter(name, False, ParameterDescriptor(description=description, read_only=True))
 
 
 def declare_pictures(node: Node) -> QoSProfile:
-    """Declare how pictures are subscribed to; returns the quality of service."""
+    """Declare the parameter for the subscription to pictures; return its quality of service."""
     declare_flag(node, "reliable_pictures", "The camera publishes reliably: no picture may be lost.")
     return ALL_PICTURES if get_value(node, "reliable_pictures") else PICTURES
 
 
-def frame_of(node: Node, name: str) -> str:
+def frame_name(node: Node, name: str) -> str:
     """Name of one of our frames on the graph: a rig's namespace is its prefix, such as left/ground."""
     return f"{node.get_namespace()}/{name}".lstrip("/")
 
 
 def get_value(node: Node, name: str) -> Any:
     """The value of a declared parameter; of a list of texts those that are not empty."""
-    found = node.get_parameter(name).value
-    return [t for t in found if t] if isinstance(found, list) else found
+    value = node.get_parameter(name).value
+    return [t for t in value if t] if isinstance(value, list) else value
 
 
 def find_file(node: Node, name: str) -> Path | None:
     """The path in a parameter; None where it is not set."""
-    found = node.get_parameter(name).value
-    return Path(found).expanduser() if found else None
+    value = node.get_parameter(name).value
+    return Path(value).expanduser() if value else None
 
 
 def get_file(node: Node, name: str) -> Path:
     """The path in a parameter; raises `InputError` where it is not set."""
-    found = find_file(node, name)
-    if found is None:
+    path = find_file(node, name)
+    if path is None:
         raise InputError(
             f"the parameter {name} is not set",
             expected=node.describe_parameter(name).description,
             remedy=f"--ros-args -p {name}:=FILE",
         )
-    return found
+    return path

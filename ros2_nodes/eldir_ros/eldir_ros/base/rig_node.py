@@ -26,8 +26,8 @@ from eldir_ros.base.message_types import COMPLETE, LATCHED, message_class, new_m
 from eldir_ros.base.node_parameters import declare_flag, get_value
 from eldir_ros.remote.heartbeats import PERIOD, Heartbeats
 
-_SHUTDOWN = 8.0  # everything must be off after so long [s]
-_RETRY = 1.0  # from one try to start to the next [s]
+_SHUTDOWN_TIMEOUT = 8.0  # until everything is off [s]
+_RETRY_INTERVAL = 1.0  # between two attempts to start [s]
 ALIVE, STOP = "alive", "emergency_stop"
 
 
@@ -41,22 +41,22 @@ class RigNode(LifecycleNode):
         self.heartbeats = Heartbeats()
         self.stopped = ""
         """Why the emergency stop is latched; empty while it is not."""
-        self._fault, self._awaited = "", ""
+        self._fault, self._waiting_for = "", ""
         self._silent: set[str] = set()
-        """Nodes that sent heartbeats and do not any more."""
-        self._left = threading.Event()
+        """Nodes whose heartbeats have stopped."""
+        self._shut_down_event = threading.Event()
         self.transition = threading.RLock()
         """Held while the state changes, and by `listen`, `every` and `serve` while they work."""
         self._answer = self._service_change_state.callback
         self._service_change_state.callback = self._on_change_state
         declare_flag(self, "autostart", "Configure and activate once, as soon as possible.")
-        self._starting = self.create_timer(_RETRY, self._autostart)
-        beat = message_class("diagnostic_msgs/msg/KeyValue")
+        self._starting = self.create_timer(_RETRY_INTERVAL, self._autostart)
+        heartbeat = message_class("diagnostic_msgs/msg/KeyValue")
         stop = message_class("eldir_msgs/msg/EmergencyStop")
-        self._alive = self.create_publisher(beat, ALIVE, COMPLETE)
-        self.create_subscription(beat, ALIVE, self._hear, COMPLETE, callback_group=_alone())
-        self.create_timer(PERIOD, self._beat, _alone())
-        self.create_subscription(stop, STOP, self._on_stop, LATCHED, callback_group=_alone())
+        self._alive = self.create_publisher(heartbeat, ALIVE, COMPLETE)
+        self.create_subscription(heartbeat, ALIVE, self._on_heartbeat, COMPLETE, callback_group=_own_group())
+        self.create_timer(PERIOD, self._send_heartbeat, _own_group())
+        self.create_subscription(stop, STOP, self._on_stop, LATCHED, callback_group=_own_group())
         if self.get_namespace() != "/":
             self.declare_parameter("diagnostic_updater.use_fqn", True)  # /diagnostics is for all rigs
         self.diagnostics = Updater(self)
@@ -83,8 +83,9 @@ class RigNode(LifecycleNode):
     def on_silent_node(self, name: str) -> None:
         """Another node of the rig sends no heartbeats any more."""
 
-    def awaits(self) -> str:
-        """What must be there before the node can be configured, if it is not; an `autostart` waits for it."""
+    def missing_device(self) -> str:
+        """The device without which the node cannot be configured, if it is missing; `autostart` waits for
+        it."""
         return ""
 
     # What is the same for all.
@@ -93,20 +94,20 @@ class RigNode(LifecycleNode):
     # group the executor would always take the first that is ready, in the order in which they were made, and
     # timers first of all: with a picture always waiting, nothing else would ever be heard.
 
-    def listen(self, kind: str, topic: str, heard: Callable[[Any], None], quality: QoSProfile) -> None:
+    def listen(self, kind: str, topic: str, callback: Callable[[Any], None], quality: QoSProfile) -> None:
         """Subscribe. One message at a time is worked on, and never while the state of the lifecycle changes;
         a message that cannot be used is a fault, and not the end of the process."""
 
         def work(message: Any) -> None:
             with self.transition:
                 try:
-                    heard(message)
+                    callback(message)
                 except EldirError as error:
                     self.report_fault(str(error))
                 except Exception as error:
                     self.report_fault(f"a message on {topic} is damaged: {type(error).__name__}: {error}")
 
-        self.create_subscription(message_class(kind), topic, work, quality, callback_group=_alone())
+        self.create_subscription(message_class(kind), topic, work, quality, callback_group=_own_group())
 
     def every(self, period: float, work: Callable[[], None]) -> None:
         """Do something every `period` [s], but not while a message is worked on or the state changes."""
@@ -115,7 +116,7 @@ class RigNode(LifecycleNode):
             with self.transition:
                 work()
 
-        self.create_timer(period, tick, _alone())
+        self.create_timer(period, tick, _own_group())
 
     def serve(self, kind: str, name: str, answer: Callable[[Any, Any], Any]) -> None:
         """Offer a service, which answers between messages and changes of the state."""
@@ -124,7 +125,7 @@ class RigNode(LifecycleNode):
             with self.transition:
                 return answer(request, response)
 
-        self.create_service(message_class(kind), name, work, callback_group=_alone())
+        self.create_service(message_class(kind), name, work, callback_group=_own_group())
 
     def create_timer(
         self,
@@ -161,7 +162,7 @@ class RigNode(LifecycleNode):
             try:
                 return self._answer(request, response)
             except RCLError as error:
-                self.get_logger().error(f"no such transition while {self.state}: {error}".splitlines()[0])
+                self.get_logger().error(f"invalid transition in state {self.state}: {error}".splitlines()[0])
                 response.success = False
                 return response
 
@@ -192,13 +193,13 @@ class RigNode(LifecycleNode):
         With the last heartbeat the other nodes know that this one shut down cleanly, which is no fault.
         """
         self.create_timer(1e-3, self._shut_down)  # one after the other with the other callbacks
-        self._left.wait(_SHUTDOWN)
+        self._shut_down_event.wait(_SHUTDOWN_TIMEOUT)
 
     def _shut_down(self) -> None:
-        if not self._left.is_set():
+        if not self._shut_down_event.is_set():
             self._try(self.close)
-            self._left.set()
-            self._beat()
+            self._shut_down_event.set()
+            self._send_heartbeat()
 
     def _try(
         self, action: Callable[[], None], undo: Callable[[], None] = lambda: None
@@ -223,27 +224,27 @@ class RigNode(LifecycleNode):
             self._starting.cancel()
             return
         if self.state == "unconfigured":
-            before, self._awaited = self._awaited, self.awaits()
-            if self._awaited:
-                if self._awaited != before:
-                    self.get_logger().info(f"waiting for {self._awaited}")
+            before, self._waiting_for = self._waiting_for, self.missing_device()
+            if self._waiting_for:
+                if self._waiting_for != before:
+                    self.get_logger().info(f"waiting for {self._waiting_for}")
                 return
             self.trigger_configure()
         if self.state == "inactive":
             self.trigger_activate()
 
-    def _beat(self) -> None:
-        state = "finalized" if self._left.is_set() else self.state
+    def _send_heartbeat(self) -> None:
+        state = "finalized" if self._shut_down_event.is_set() else self.state
         self._alive.publish(new_message("diagnostic_msgs/msg/KeyValue", key=self.get_name(), value=state))
         for name in self.heartbeats.silent(time.monotonic()):
             self.heartbeats.forget(name)
             self._silent.add(name)
-            self.get_logger().error(_silence(name))
+            self.get_logger().error(_silent_message(name))
             self.on_silent_node(name)
 
-    def _hear(self, message: Any) -> None:
+    def _on_heartbeat(self, message: Any) -> None:
         if message.key != self.get_name():
-            self.heartbeats.hear(message.key, message.value, time.monotonic())
+            self.heartbeats.update(message.key, message.value, time.monotonic())
             if message.key in self._silent:
                 self._silent.discard(message.key)
                 self.get_logger().info(f"{message.key} sends heartbeats again")
@@ -255,23 +256,23 @@ class RigNode(LifecycleNode):
             self.on_emergency_stop(self.stopped)
 
     def _diagnose(self, status: DiagnosticStatusWrapper) -> DiagnosticStatusWrapper:
-        wrong = [f"emergency stop: {self.stopped}"] if self.stopped else []
+        problems = [f"emergency stop: {self.stopped}"] if self.stopped else []
         if self._fault and self._fault != self.stopped:
-            wrong.append(self._fault)
-        wrong += map(_silence, sorted(self._silent))
-        if wrong:
-            status.summary(DiagnosticStatus.ERROR, "; ".join(wrong))
-        elif self._awaited:
-            status.summary(DiagnosticStatus.WARN, f"waiting for {self._awaited}")
+            problems.append(self._fault)
+        problems += map(_silent_message, sorted(self._silent))
+        if problems:
+            status.summary(DiagnosticStatus.ERROR, "; ".join(problems))
+        elif self._waiting_for:
+            status.summary(DiagnosticStatus.WARN, f"waiting for {self._waiting_for}")
         else:
             status.summary(DiagnosticStatus.OK, self.state)
         status.add("state", self.state)
         return status
 
 
-_alone = MutuallyExclusiveCallbackGroup
-"""A group of one callback: it waits for no other, and is not run twice at once."""
+_own_group = MutuallyExclusiveCallbackGroup
+"""A callback group of its own: the callback waits for no other, and does not run twice at once."""
 
 
-def _silence(name: str) -> str:
+def _silent_message(name: str) -> str:
     return f"{name} sends no heartbeats any more"

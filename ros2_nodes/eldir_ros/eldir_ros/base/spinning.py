@@ -19,12 +19,12 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from eldir.errors import EldirError
-from eldir_ros.base.joining import joining
+from eldir_ros.base.joining import ros_errors_as_eldir_errors
 from eldir_ros.base.node_log import forward_records
 
-_POLL = 0.2  # until a node notices that it has shut down [s]
-_NOTICE = 0.05  # until a signal is noticed; one that another thread receives does not end the waiting [s]
-_THREADS = 32  # at most, for each node: more than it has callback groups, so that none waits for a thread
+_SPIN_TIMEOUT = 0.2  # until a node checks whether it has shut down [s]
+_SIGNAL_INTERVAL = 0.05  # between two checks for signals: another thread may receive them [s]
+_MAX_THREADS = 32  # of each node: more than it has callback groups, so that no group waits for a thread
 LAUNCHER = "ELDIR_LAUNCHER"
 """Environment variable with the number of the process without which the nodes end: that of `ros2 launch`."""
 
@@ -34,37 +34,37 @@ def spin(classes: Sequence[Callable[[], Node]]) -> None:
 
     ROS's own signal handlers would end the graph at once. Here each node can still publish how it ended.
     """
-    ended, left, failures = threading.Event(), threading.Event(), list[str]()
-    asked: list[int] = []
+    ended, is_shut_down, failures = threading.Event(), threading.Event(), list[str]()
+    received: list[int] = []
     launcher = os.environ.get(LAUNCHER, "")
     for number in (signal.SIGINT, signal.SIGTERM):
-        # An event has a lock, which this very thread may hold when the signal comes.
-        signal.signal(number, lambda number, _: asked.append(number))
+        # Not an event: it has a lock that this thread may hold when the signal arrives.
+        signal.signal(number, lambda number, _: received.append(number))
     nodes: list[Node] = []
     executors: list[tuple[MultiThreadedExecutor, threading.Thread]] = []
     try:
-        with joining():
+        with ros_errors_as_eldir_errors():
             rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
         for node_class in classes:
-            with joining():
+            with ros_errors_as_eldir_errors():
                 nodes.append(node_class())
             if len(nodes) == 1:
                 forward_records(nodes[0].get_name(), nodes[0].get_logger())
-            executor = MultiThreadedExecutor(_THREADS)
+            executor = MultiThreadedExecutor(_MAX_THREADS)
             executor.add_node(nodes[-1])
-            spinning = threading.Thread(target=_spin, args=(executor, left, ended, failures))
+            spinning = threading.Thread(target=_spin, args=(executor, is_shut_down, ended, failures))
             spinning.start()
             executors.append((executor, spinning))
-        while not asked and not ended.wait(_NOTICE):
+        while not received and not ended.wait(_SIGNAL_INTERVAL):
             if launcher and launcher != str(os.getppid()):
-                nodes[0].get_logger().error("the program that launched this node has gone: the node ends")
+                nodes[0].get_logger().error("the launcher of this node has ended: the node ends")
                 break
     except (EldirError, ParameterException) as error:
         failures.append(str(error))
     finally:
         for node in nodes:
             node.shut_down()
-        left.set()
+        is_shut_down.set()
         for executor, spinning in executors:
             spinning.join()
             executor._executor.shutdown()  # callbacks that have begun: rclpy's own shutdown waits for none
@@ -79,12 +79,15 @@ def spin(classes: Sequence[Callable[[], Node]]) -> None:
 
 
 def _spin(
-    executor: MultiThreadedExecutor, left: threading.Event, ended: threading.Event, failures: list[str]
+    executor: MultiThreadedExecutor,
+    is_shut_down: threading.Event,
+    ended: threading.Event,
+    failures: list[str],
 ) -> None:
     """Run one node's callbacks until it has shut down; a callback that fails ends the process in order."""
     try:
-        while not left.is_set():
-            executor.spin_once(timeout_sec=_POLL)
+        while not is_shut_down.is_set():
+            executor.spin_once(timeout_sec=_SPIN_TIMEOUT)
     except ExternalShutdownException:
         pass
     except Exception as error:

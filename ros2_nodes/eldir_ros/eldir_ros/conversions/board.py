@@ -2,7 +2,7 @@
 # Use of this source code is governed by an MIT-style license that can be found in the LICENSE file or at
 # https://opensource.org/licenses/MIT.
 
-"""The relay board's reports: one message with all of it, and the topics that a log has of it."""
+"""The relay board's reports: one message with all values, and the topics that a log has of them."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ class BoardState:
     stamp: int
     """When the board was read [ns]."""
     age: float
-    """From that reading to the sending of the message [s]."""
+    """Time from that reading to the sending of the message [s]."""
     run: str
-    """The run of which a command was obeyed last."""
-    command: int
-    """Number of the latest command that was obeyed before the reading."""
+    """The run whose command was obeyed last."""
+    sequence: int
+    """Number of the last command that was obeyed before the reading."""
     armed: bool
     channels: tuple[str, ...]
     closed: tuple[bool, ...]
@@ -60,7 +60,7 @@ def states_of(new_message: NewMessage, state: BoardState) -> Any:
         header=header_of(new_message, state.stamp),
         age=state.age,
         run=state.run,
-        command=state.command,
+        sequence=state.sequence,
         armed=state.armed,
         channels=list(state.channels),
         closed=list(state.closed),
@@ -77,12 +77,12 @@ def state_from(message: Any) -> BoardState:
     """The report in an eldir_msgs/BoardState."""
     springs, channels = tuple(message.springs), tuple(message.channels)
     if len(message.closed) != len(channels) or len(message.temperatures) != len(springs):
-        raise ValueError("a report has not one value for each contact and each spring")
+        raise ValueError("invalid report: expected one value for each contact and each spring")
     return BoardState(
         nanoseconds(message.header.stamp),
         float(message.age),
         message.run,
-        int(message.command),
+        int(message.sequence),
         bool(message.armed),
         channels,
         tuple(bool(c) for c in message.closed),

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from eldir.core.records import FloatArray
-from eldir_hardware.camera.pose import CameraPose, quaternion
+from eldir_hardware.camera.plane import CameraPose, to_quaternion
 from eldir_ros.conversions import NewMessage, header_of
 
 CAMERA = "camera"
@@ -27,7 +27,7 @@ def transform_of(
 ) -> Any:
     """geometry_msgs/TransformStamped: where a frame is in its parent, position (3,) [m], rotation (3, 3)."""
     x, y, z = (float(p) for p in position)
-    a, b, c, w = quaternion(rotation)
+    a, b, c, w = to_quaternion(rotation)
     return new_message(
         "geometry_msgs/msg/TransformStamped",
         header=header_of(new_message, stamp, parent),

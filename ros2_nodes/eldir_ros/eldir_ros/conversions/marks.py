@@ -2,7 +2,7 @@
 # Use of this source code is governed by an MIT-style license that can be found in the LICENSE file or at
 # https://opensource.org/licenses/MIT.
 
-"""Positions of the marks m1 to m5 in the plane of motion.
+"""Positions of the mass markers m1 to m5 in the plane of motion.
 
 Frame `ground`: x forward, z up from the ground, y zero in the plane (REP-103); it does not move
 (REP-105's `map`).
@@ -16,7 +16,7 @@ import numpy as np
 
 from eldir.core.records import FloatArray
 from eldir_hardware.log.messages import FRAME_ID
-from eldir_hardware.markers.mark_sheet import MARK_DIAMETER, PALETTE
+from eldir_hardware.markers.registration import DISC_DIAMETER, PALETTE
 from eldir_ros.conversions import NewMessage, header_of, nanoseconds
 
 _SPHERE, _ADD, _DELETE = 2, 0, 2  # of visualization_msgs/Marker
@@ -52,14 +52,15 @@ def markers_of(
     positions: FloatArray,
     frame: str = FRAME_ID,
 ) -> Any:
-    """visualization_msgs/MarkerArray of marks (K, 2) [m]; markers of marks that are not seen (NaN) go."""
+    """visualization_msgs/MarkerArray of mass markers (K, 2) [m]; markers that are not tracked (NaN) are
+    deleted."""
     markers = []
-    size = {"x": MARK_DIAMETER, "y": MARK_DIAMETER, "z": MARK_DIAMETER}
+    size = {"x": DISC_DIAMETER, "y": DISC_DIAMETER, "z": DISC_DIAMETER}
     for index, (name, position) in enumerate(zip(names, positions, strict=True)):
-        seen = bool(np.isfinite(position).all())
+        is_tracked = bool(np.isfinite(position).all())
         red, green, blue = (c / 255 for c in PALETTE[name])
         upright = new_message("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0)
-        where = _point(new_message, position if seen else np.zeros(2))
+        where = _point(new_message, position if is_tracked else np.zeros(2))
         markers.append(
             new_message(
                 "visualization_msgs/msg/Marker",
@@ -67,7 +68,7 @@ def markers_of(
                 ns=name,
                 id=index,
                 type=_SPHERE,
-                action=_ADD if seen else _DELETE,
+                action=_ADD if is_tracked else _DELETE,
                 pose=new_message("geometry_msgs/msg/Pose", position=where, orientation=upright),
                 scale=new_message("geometry_msgs/msg/Vector3", **size),
                 color=new_message("std_msgs/msg/ColorRGBA", r=red, g=green, b=blue, a=1.0),
@@ -77,7 +78,8 @@ def markers_of(
 
 
 def tracks_from(message: Any) -> tuple[int, tuple[str, ...], FloatArray]:
-    """Stamp [ns], names and positions (K, 2) [m] of a visualization_msgs/MarkerArray; NaN where not seen."""
+    """Stamp [ns], names and positions (K, 2) [m] of a visualization_msgs/MarkerArray; NaN where not
+    tracked."""
     names = tuple(m.ns for m in message.markers)
     positions = [
         (m.pose.position.x, m.pose.position.z) if m.action == _ADD else (np.nan, np.nan)

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from eldir.errors import InputError
 from eldir_hardware.camera.lens import Lens
 from eldir_hardware.images import jpeg
-from eldir_hardware.log import camera_info
 from eldir_hardware.log.messages import CAMERA_FRAME_ID as FRAME_ID
+from eldir_hardware.log.messages import calibration_fields
 from eldir_ros.conversions import NewMessage, header_of
 
 
@@ -56,7 +56,7 @@ def info_of(
     """sensor_msgs/CameraInfo of a lens; without one all zeros: not calibrated."""
     if lens is not None:
         lens.require_size(width, height)
-    fields = camera_info.calibration(lens)
+    fields = calibration_fields(lens)
     return new_message(
         "sensor_msgs/msg/CameraInfo",
         header=header_of(new_message, stamp, frame),

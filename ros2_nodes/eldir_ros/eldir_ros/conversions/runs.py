@@ -11,10 +11,10 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from eldir.core.json_text import parse_json
+from eldir.core.files import parse_json
 from eldir.core.records import FloatArray
 from eldir.errors import InputError
-from eldir_hardware.run.contact_edges import ContactEdge
+from eldir_hardware.run.player import ContactEdge
 from eldir_hardware.schedule import ActuationSchedule, Event
 from eldir_ros.conversions import NewMessage, header_of, time_of
 
@@ -22,15 +22,15 @@ FINISHED, CANCELLED, PREEMPTED, STOPPED, REFUSED = range(1, 6)
 """How a run can end, as in RunSchedule.action; 0 is an empty result."""
 RUNNING, RUN_FINISHED, RUN_ENDED = range(3)
 """States of a run, as in Run.msg."""
-EARLIEST, LATEST = 1.0, 0.5
-"""Pulses are announced at most so long before they begin, and after they should have begun [s]."""
-_LARGEST = 1 << 20  # text of a schedule [bytes]; those of this program have some ten thousand
+MAX_LEAD, MAX_DELAY = 1.0, 0.5
+"""Pulses are announced at most so long before, and after, they should begin [s]."""
+_MAX_BYTES = 1 << 20  # of a schedule; usual ones have some ten thousand
 
 
 def schedule_from(text: str) -> ActuationSchedule:
-    """The schedule in the text of a schedule file; raises `InputError` that says what is wrong."""
+    """The schedule in the text of a schedule file; raises `InputError` for an invalid one."""
     try:
-        values = parse_json(text, "the schedule", _LARGEST)
+        values = parse_json(text, "the schedule", _MAX_BYTES)
         if not isinstance(values, dict) or values.get("format") != ActuationSchedule.FORMAT:
             raise InputError(
                 "this is not a schedule", expected=f"JSON with the format {ActuationSchedule.FORMAT}"
@@ -49,15 +49,15 @@ def goal_of(goal: Any) -> ActuationSchedule:
     texts, plans = bool(goal.schedule), bool(goal.plan.events or goal.plan.period)
     if texts == plans:
         raise InputError(
-            "the goal does not say what to play",
-            expected="a schedule as text (schedule) or as fields (plan), one of both",
+            "the goal must contain one schedule",
+            expected="either text (schedule) or fields (plan)",
             found="both" if texts else "neither",
         )
     return schedule_from(goal.schedule) if texts else plan_from(goal.plan)
 
 
 def plan_from(message: Any) -> ActuationSchedule:
-    """The schedule in a eldir_msgs/Schedule; raises `InputError` that says what is wrong."""
+    """The schedule in a eldir_msgs/Schedule; raises `InputError` for an invalid one."""
     return ActuationSchedule(
         float(message.period),
         cycles=int(message.cycles),
@@ -114,14 +114,14 @@ def run_of(
 
 
 def pulses_of(
-    new_message: NewMessage, run: str, number: int, delay: float, lengths: Mapping[int, float]
+    new_message: NewMessage, run: str, sequence: int, delay: float, lengths: Mapping[int, float]
 ) -> Any:
     """eldir_msgs/HeatCommand: channels that close after `delay` [s], each for its seconds in `lengths`."""
     return new_message(
         "eldir_msgs/msg/HeatCommand",
         command=1,
         run=run,
-        number=number,
+        sequence=sequence,
         delay=delay,
         channels=list(lengths),
         seconds=[float(s) for s in lengths.values()],
@@ -129,14 +129,14 @@ def pulses_of(
 
 
 def pulses_from(message: Any) -> tuple[float, dict[int, float]]:
-    """Delay [s] and channel to seconds of a eldir_msgs/HeatCommand; raises `ValueError` where they are no
-    durations that a schedule has."""
+    """Delay [s] and duration by channel [s] of an eldir_msgs/HeatCommand; raises `ValueError` for values that
+    no schedule has."""
     delay = float(message.delay)
-    if not -LATEST <= delay <= EARLIEST:
-        raise ValueError(f"its delay is {delay:g} s, expected at most {EARLIEST:g} s")
+    if not -MAX_DELAY <= delay <= MAX_LEAD:
+        raise ValueError(f"its delay is {delay:g} s, expected at most {MAX_LEAD:g} s")
     lengths = {int(c): float(s) for c, s in zip(message.channels, message.seconds, strict=True)}
     if not all(0 < s < math.inf for s in lengths.values()):
-        raise ValueError(f"its seconds are no durations: {list(lengths.values())}")
+        raise ValueError(f"invalid durations: expected more than 0 s, got {list(lengths.values())}")
     return delay, lengths
 
 
@@ -146,7 +146,7 @@ def ranges_of(
     cycle: int,
     names: tuple[str, ...],
     ranges: Mapping[str, FloatArray],
-    walked: float,
+    displacement: float,
 ) -> Any:
     """eldir_msgs/RangeOfMotion of a cycle: vertical ranges of motion (K,) [m] by kind (simulated, predicted,
     tracked), and the displacement [body lengths]."""
@@ -155,6 +155,6 @@ def ranges_of(
         header=header_of(new_message, stamp),
         cycle=cycle,
         marks=list(names),
-        displacement=walked,
+        displacement=displacement,
         **{kind: [float(r) for r in values] for kind, values in ranges.items()},
     )

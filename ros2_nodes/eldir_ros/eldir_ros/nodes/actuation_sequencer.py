@@ -22,11 +22,11 @@ from eldir_ros.base.node_parameters import declare_number, declare_text, declare
 from eldir_ros.base.rig_node import RigNode
 from eldir_ros.base.spinning import spin
 from eldir_ros.conversions import board, runs, time_of
-from eldir_ros.remote.heartbeats import CLIENT_PATIENCE, Heartbeats
+from eldir_ros.remote.heartbeats import CLIENT_TIMEOUT, Heartbeats
 from eldir_ros.remote.remote_bank import RemoteBank
-from eldir_ros.remote.schedule_run import Order, RunProgress, RunResult, ScheduleRun
+from eldir_ros.remote.schedule_run import RunProgress, RunRequest, RunResult, ScheduleRun
 
-_MOST_GOALS = 2  # one that runs, and one that preempts it
+_MAX_GOALS = 2  # one that runs, and one that preempts it
 
 
 class ActuationSequencerNode(RigNode):
@@ -43,9 +43,9 @@ class ActuationSequencerNode(RigNode):
         declare_text(self, "accept_mismatch", "Reason for playing schedules that are not for this rig.")
         self._rig: Rig | None = None
         self._goals: dict[bytes, _GoalLink] = {}
-        """Those that were accepted and have not ended."""
-        self._playing, self._choosing = threading.Lock(), threading.Lock()
-        self._client_beats = Heartbeats(CLIENT_PATIENCE)
+        """Goals that were accepted and have not ended."""
+        self._playing_lock, self._goals_lock = threading.Lock(), threading.Lock()
+        self._client_heartbeats = Heartbeats(CLIENT_TIMEOUT)
         self.commands = self.create_publisher(
             message_class("eldir_msgs/msg/HeatCommand"), "relay_board/commands", COMPLETE
         )
@@ -60,7 +60,7 @@ class ActuationSequencerNode(RigNode):
         self.create_subscription(
             message_class("std_msgs/msg/String"),
             "run_schedule/alive",
-            lambda m: self._client_beats.hear(m.data, "active", time.monotonic()),
+            lambda m: self._client_heartbeats.update(m.data, "active", time.monotonic()),
             COMPLETE,
             callback_group=MutuallyExclusiveCallbackGroup(),
         )
@@ -69,8 +69,8 @@ class ActuationSequencerNode(RigNode):
             message_class("eldir_msgs/action/RunSchedule"),
             "run_schedule",
             execute_callback=self._execute,
-            goal_callback=self._choose,
-            handle_accepted_callback=self._accept,
+            goal_callback=self._accept_or_reject,
+            handle_accepted_callback=self._start_goal,
             cancel_callback=self._cancel,
             callback_group=ReentrantCallbackGroup(),
         )
@@ -83,35 +83,37 @@ class ActuationSequencerNode(RigNode):
 
     def close(self) -> None:
         self._interrupt(runs.STOPPED, "the sequencer was shut down")
-        with self._playing:
+        with self._playing_lock:
             self._rig = None
 
     def _interrupt(self, outcome: int, why: str) -> None:
         """End every goal."""
-        with self._choosing:
+        with self._goals_lock:
             for link in self._goals.values():
                 link.bank.interrupt(outcome, why)
 
     def _on_states(self, message: Any) -> None:
         state = board.state_from(message)
-        with self._choosing:
+        with self._goals_lock:
             for link in self._goals.values():
                 link.bank.report(state)
 
-    def _choose(self, request: Any) -> GoalResponse:
-        with self._choosing:
-            return GoalResponse.REJECT if len(self._goals) >= _MOST_GOALS else GoalResponse.ACCEPT
+    def _accept_or_reject(self, request: Any) -> GoalResponse:
+        with self._goals_lock:
+            return GoalResponse.REJECT if len(self._goals) >= _MAX_GOALS else GoalResponse.ACCEPT
 
-    def _accept(self, goal: Any) -> None:
+    def _start_goal(self, goal: Any) -> None:
         self._interrupt(runs.PREEMPTED, "another schedule was sent")
         client = goal.request.client
-        self._client_beats.hear(client, "active", time.monotonic())  # the goal itself is a sign of life
-        with self._choosing:
+        self._client_heartbeats.update(
+            client, "active", time.monotonic()
+        )  # the goal itself counts as a heartbeat
+        with self._goals_lock:
             self._goals[bytes(goal.goal_id.uuid)] = _GoalLink(self, goal, lambda: self._missing(client))
         goal.execute()
 
     def _cancel(self, goal: Any) -> CancelResponse:
-        with self._choosing:
+        with self._goals_lock:
             link = self._goals.get(bytes(goal.goal_id.uuid))
             if link is not None:
                 link.bank.interrupt(runs.CANCELLED, "cancelled")
@@ -121,27 +123,27 @@ class ActuationSequencerNode(RigNode):
         name = bytes(goal.goal_id.uuid)
         link = self._goals[name]
         try:
-            with self._playing:  # the goal before must have ended
+            with self._playing_lock:  # the goal before must have ended
                 rig = self._rig if self.state == "active" else None
                 link.springs = () if rig is None else board.spring_names(rig)
-                order = Order(
+                request = RunRequest(
                     lambda: runs.goal_of(goal.request),
                     goal.request.client,
                     get_value(self, "lead"),
                     get_value(self, "accept_mismatch"),
                 )
                 run = ScheduleRun(link.bank, link, lambda: self.now_ns)
-                return link.conclude(run.play(order, rig, self.stopped))
+                return link.conclude(run.play(request, rig, self.stopped))
         finally:
-            with self._choosing:
+            with self._goals_lock:
                 del self._goals[name]
 
     def _missing(self, client: str) -> tuple[str, ...]:
-        """What a run lacks: its client, and the required nodes that are not active."""
+        """What a run lacks: its client, or required nodes that are not active."""
         now = time.monotonic()
-        gone = self._client_beats.state_of(client, now) == "silent"
+        is_silent = self._client_heartbeats.state_of(client, now) == "silent"
         required = ("relay_board", *get_value(self, "required_nodes"))
-        lost = (f"the client {client} sends no heartbeats any more",) if gone else ()
+        lost = (f"the client {client} sends no heartbeats any more",) if is_silent else ()
         return lost + self.heartbeats.missing(required, now)
 
 
@@ -156,13 +158,13 @@ class _GoalLink:
 
     # To the relay board.
 
-    def send_command(self, command: int, number: int) -> None:
+    def send_command(self, command: int, sequence: int) -> None:
         self._node.commands.publish(
-            new_message("eldir_msgs/msg/HeatCommand", command=command, run=self._id, number=number)
+            new_message("eldir_msgs/msg/HeatCommand", command=command, run=self._id, sequence=sequence)
         )
 
-    def send_pulses(self, delay: float, lengths: Mapping[int, float], number: int) -> None:
-        self._node.commands.publish(runs.pulses_of(new_message, self._id, number, delay, lengths))
+    def send_pulses(self, delay: float, lengths: Mapping[int, float], sequence: int) -> None:
+        self._node.commands.publish(runs.pulses_of(new_message, self._id, sequence, delay, lengths))
 
     # To everyone.
 

@@ -18,16 +18,17 @@ from numpy.typing import NDArray
 from eldir.errors import EldirError
 from eldir_hardware.camera.lens import Lens
 from eldir_hardware.images import jpeg
-from eldir_hardware.rig.camera_name import is_camera
-from eldir_hardware.run.robot_camera import RobotCamera
-from eldir_hardware.vision.playback import lens_of, timed_pictures
+from eldir_hardware.rig._addresses import is_camera
+from eldir_hardware.run.filming import RobotCamera
+from eldir_hardware.vision.recording_setup import load_recorded_lens
+from eldir_hardware.vision.sources import timed_pictures
 from eldir_ros.base.message_types import ALL_PICTURES, LATCHED, NEWEST, RELIABLE, message_class, new_message
 from eldir_ros.base.node_parameters import (
     declare_number,
     declare_text,
     declare_texts,
     find_file,
-    frame_of,
+    frame_name,
     get_file,
     get_value,
 )
@@ -66,12 +67,12 @@ class CameraNode(RigNode):
         self._rate = HeaderlessTopicDiagnostic(
             "pictures", self.diagnostics, FrequencyStatusParam({"min": 5.0, "max": 120.0})
         )
-        self._frame = frame_of(self, pictures.FRAME_ID)
+        self._frame = frame_name(self, pictures.FRAME_ID)
         self._virtual: RobotCamera | None = None
         self._lens: Lens | None = None
         self._size: tuple[int, int] | None = None
         self._playback: threading.Thread | None = None
-        self._halted = threading.Event()
+        self._halt_event = threading.Event()
 
     def open(self) -> None:
         source, lens = get_value(self, "source"), find_file(self, "lens")
@@ -83,17 +84,17 @@ class CameraNode(RigNode):
         if lens is not None:
             self._lens = Lens.load(lens)
         else:
-            self._lens = lens_of(source) if self._virtual is None else self._virtual.lens
+            self._lens = load_recorded_lens(source) if self._virtual is None else self._virtual.lens
 
     def start(self) -> None:
-        self._halted.clear()
+        self._halt_event.clear()
         self._size = None
         if self._virtual is None:
             self._playback = threading.Thread(target=self._play, name="pictures", daemon=True)
             self._playback.start()
 
     def halt(self) -> None:
-        self._halted.set()
+        self._halt_event.set()
         if self._playback is not None:
             self._playback.join()
             self._playback = None
@@ -103,7 +104,7 @@ class CameraNode(RigNode):
         self._virtual = None
 
     def _on_masses(self, message: Any) -> None:
-        """Where the virtual robot is: rendered at once."""
+        """Render the virtual robot at its new position."""
         if self._virtual is None or self.state != "active":
             return
         picture = self._virtual.render(marks.positions_from(message))
@@ -113,17 +114,17 @@ class CameraNode(RigNode):
         """Publish the pictures of a source when they are due."""
         speed = get_value(self, "speed")
         while self.heartbeats.missing(tuple(get_value(self, "wait_for")), time.monotonic()):
-            if self._halted.wait(0.1):
+            if self._halt_event.wait(0.1):
                 return
-        count, begun, begun_ns = 0, time.monotonic(), self.now_ns
+        count, start, start_ns = 0, time.monotonic(), self.now_ns
         source = get_value(self, "source")
         try:
             for picture in timed_pictures(source, get_value(self, "rate")):
                 if count == 0:  # opening a camera takes a while
-                    begun, begun_ns = time.monotonic(), self.now_ns
-                if self._halted.wait(max(begun + picture.due / speed - time.monotonic(), 0.0)):
+                    start, start_ns = time.monotonic(), self.now_ns
+                if self._halt_event.wait(max(start + picture.due / speed - time.monotonic(), 0.0)):
                     return
-                due_ns = begun_ns + round(1e9 * picture.due / speed)
+                due_ns = start_ns + round(1e9 * picture.due / speed)
                 self._publish(due_ns if picture.stamp_ns is None else picture.stamp_ns, picture.data, None)
                 count += 1
         except EldirError as error:

@@ -13,20 +13,18 @@ import numpy as np
 from diagnostic_updater import FrequencyStatusParam, HeaderlessTopicDiagnostic
 from numpy.typing import NDArray
 
-from eldir.core.json_text import parse_json
+from eldir.core.files import parse_json
 from eldir.core.records import FloatArray
 from eldir.design import Design
-from eldir_hardware.camera.plane import Plane, TagBoard
-from eldir_hardware.camera.pose import camera_pose
-from eldir_hardware.markers.registration import DEFAULT
-from eldir_hardware.vision.live_overlay import LiveOverlay
-from eldir_hardware.vision.live_tracking import LiveTracker
+from eldir_hardware.camera.plane import Plane, TagBoard, estimate_camera_pose
+from eldir_hardware.markers.registration import DEFAULT_KIND
+from eldir_hardware.vision.live_tracking import LiveOverlay, LiveTracker
 from eldir_hardware.vision.recording_setup import (
-    attached_board,
-    attached_layout,
-    attached_marker,
-    layout_of,
-    recorded_plane,
+    find_recorded_plane,
+    marker_layout,
+    read_attached_board,
+    read_attached_layout,
+    read_marker_kind,
 )
 from eldir_hardware.vision.sources import LoggedFrames, open_source
 from eldir_ros.base.message_types import (
@@ -43,7 +41,7 @@ from eldir_ros.base.node_parameters import (
     declare_pictures,
     declare_text,
     find_file,
-    frame_of,
+    frame_name,
     get_file,
     get_value,
 )
@@ -53,13 +51,13 @@ from eldir_ros.conversions import frames, marks, nanoseconds, pictures, runs
 
 
 class MassTrackerNode(RigNode):
-    """Publishes what `eldir_hardware.vision.live_tracking.LiveTracker` finds in the camera's pictures."""
+    """Publishes the tracks that `eldir_hardware.vision.live_tracking.LiveTracker` finds in the pictures."""
 
     def __init__(self, **options: Any):
         super().__init__("mass_tracker", **options)
-        declare_text(self, "design", "Design file: which masses carry marks, and where they lie.")
-        declare_text(self, "log", "Log of a run, instead of design and tags: it holds both.")
-        declare_text(self, "tags", "File of the fixed tags. Default: the tags on the topic camera/tags.")
+        declare_text(self, "design", "Design file: which masses carry markers, and where they are.")
+        declare_text(self, "log", "Log of a run, instead of design and tags: it contains both.")
+        declare_text(self, "tags", "File of the reference tags. Default: the tags on the topic camera/tags.")
         declare_text(self, "plane", "File of a calibrated plane, instead of tags.")
         declare_text(self, "marker", "Kind of the markers. Default: what the log's rig file names, or discs.")
         declare_number(self, "overlay_period", "Time between two overlay pictures [s].", 2.0, 0.5, 60.0)
@@ -79,19 +77,19 @@ class MassTrackerNode(RigNode):
         self.listen("sensor_msgs/msg/CameraInfo", "camera/camera_info", self._on_info, NEWEST)
         self._frames = self.create_publisher(message_class("tf2_msgs/msg/TFMessage"), "/tf_static", STATIC)
         self._planes = self.create_publisher(message_class("std_msgs/msg/String"), "camera/plane", LATCHED)
-        self._told_plane: Plane | None = None
+        self._published_plane: Plane | None = None
         self._focal = 0.0
-        """Focal length that camera_info tells [px]; 0 while it tells none."""
+        """Focal length from camera_info [px]; 0 while it is unknown."""
         self.listen("eldir_msgs/msg/Run", "run", self._on_run, LATCHED)
         self._rate = HeaderlessTopicDiagnostic(
             "tracks", self.diagnostics, FrequencyStatusParam({"min": 5.0, "max": 120.0})
         )
-        self._ground = frame_of(self, marks.FRAME_ID)
-        self._camera = frame_of(self, pictures.FRAME_ID)
-        self._told_board: TagBoard | None = None
+        self._ground = frame_name(self, marks.FRAME_ID)
+        self._camera = frame_name(self, pictures.FRAME_ID)
+        self._received_board: TagBoard | None = None
         self._tracker: LiveTracker | None = None
         self._overlay = LiveOverlay(())
-        self._told_notes = 0
+        self._logged_notes = 0
         self._tracked_ns = 0
         """Stamp of the latest picture [ns]."""
         self._start_ns: int | None = None
@@ -102,21 +100,21 @@ class MassTrackerNode(RigNode):
         board: TagBoard | None = None
         marker = str(get_value(self, "marker"))
         layout: FloatArray | None
-        given = None if plane is None else Plane.load(plane)
+        fixed_plane = None if plane is None else Plane.load(plane)
         if log is not None:
             source = open_source(log)
-            layout, board = attached_layout(source), attached_board(source)
-            marker = marker or attached_marker(source)
+            layout, board = read_attached_layout(source), read_attached_board(source)
+            marker = marker or read_marker_kind(source.attachments, source.name)
             if plane is None and "plane.json" in source.attachments:  # as `eldir track` tracks this log
-                given = recorded_plane(source)
+                fixed_plane = find_recorded_plane(source)
             if isinstance(source, LoggedFrames):
                 self._start_ns = source.log.epoch_ns
         else:
-            layout = layout_of(Design.load(get_file(self, "design")))
+            layout = marker_layout(Design.load(get_file(self, "design")))
         board = board if tags is None else TagBoard.load(tags)
-        self._tracker = LiveTracker(board, given, layout, marker or DEFAULT)
-        if self._told_board is not None:
-            self._tracker.set_board(self._told_board)
+        self._tracker = LiveTracker(board, fixed_plane, layout, marker or DEFAULT_KIND)
+        if self._received_board is not None:
+            self._tracker.set_board(self._received_board)
         for name in set(self._tracker.names) - set(self._points):
             self._points[name] = self.create_publisher(
                 message_class("geometry_msgs/msg/PointStamped"), f"marks/{name}", RELIABLE
@@ -128,14 +126,14 @@ class MassTrackerNode(RigNode):
             self._overlay = LiveOverlay(self._tracker.names)
 
     def _on_tags(self, message: Any) -> None:
-        self._told_board = TagBoard.from_json(parse_json(message.data, "camera/tags"))
+        self._received_board = TagBoard.from_json(parse_json(message.data, "camera/tags"))
         if self._tracker is not None:
-            self._tracker.set_board(self._told_board)
+            self._tracker.set_board(self._received_board)
 
     def _on_info(self, message: Any) -> None:
         focal = float(message.k[0] + message.k[4]) / 2
         if focal != self._focal:
-            self._focal, self._told_plane = focal, None
+            self._focal, self._published_plane = focal, None
 
     def _on_run(self, message: Any) -> None:
         """Each run is tracked from its own pictures alone, as `eldir track` tracks its log."""
@@ -143,34 +141,34 @@ class MassTrackerNode(RigNode):
             self._start_ns = nanoseconds(message.start)
             if self._tracked_ns >= self._start_ns:
                 self.get_logger().warning(
-                    f"run {message.id} began before this node knew of it: its first positions are in "
-                    "the plane from before, and differ by micrometres from those of its log tracked anew"
+                    f"run {message.id} began before this node received its message: its first positions use "
+                    "the previous plane, and differ by micrometres from those of `eldir track`"
                 )
             self.start()
             self.get_logger().info(f"run {message.id}: tracked from its own pictures")
 
     def _on_picture(self, message: Any) -> None:
         stamp = nanoseconds(message.header.stamp)
-        early = self._start_ns is not None and stamp < self._start_ns
-        if self._tracker is None or self.state != "active" or early:
+        is_early = self._start_ns is not None and stamp < self._start_ns
+        if self._tracker is None or self.state != "active" or is_early:
             return
         self._tracked_ns = stamp
         tracked = self._tracker.update(stamp, pictures.picture_from(message))
-        if self._tracker.plane is not None and self._tracker.plane is not self._told_plane:
-            self._tell_plane(self._tracker.plane, stamp)
-        for note in self._tracker.notes[self._told_notes :]:
+        if self._tracker.plane is not None and self._tracker.plane is not self._published_plane:
+            self._publish_plane(self._tracker.plane, stamp)
+        for note in self._tracker.notes[self._logged_notes :]:
             self.get_logger().warning(note)
-        self._told_notes = len(self._tracker.notes)
+        self._logged_notes = len(self._tracker.notes)
         for at, positions, picture in tracked:
             self._publish(self._tracker, at, positions, picture)
 
-    def _tell_plane(self, plane: Plane, stamp: int) -> None:
-        """The plane for the recorder, and the camera's frames; without a lens nobody knows its distance."""
-        self._told_plane = plane
+    def _publish_plane(self, plane: Plane, stamp: int) -> None:
+        """Publish the plane for the recorder, and the camera's frames, which need the focal length."""
+        self._published_plane = plane
         self._planes.publish(new_message("std_msgs/msg/String", data=json.dumps(plane.to_json())))
         if self._focal > 0:
-            names = (self._ground, frame_of(self, frames.CAMERA), self._camera)
-            pose = camera_pose(plane, self._focal)
+            names = (self._ground, frame_name(self, frames.CAMERA), self._camera)
+            pose = estimate_camera_pose(plane, self._focal)
             self._frames.publish(frames.camera_frames_of(new_message, stamp, pose, *names))
 
     def _publish(

@@ -13,15 +13,15 @@ from typing import Any
 
 import numpy as np
 
-from eldir.core.json_text import parse_json
+from eldir.core.files import parse_json
 from eldir.core.records import FileRecord
 from eldir.design import Design
 from eldir.errors import EldirError
 from eldir_hardware.camera.lens import Lens
 from eldir_hardware.camera.plane import Plane, TagBoard
-from eldir_hardware.log.run_recording import RunRecording
+from eldir_hardware.log.background import RunRecording
 from eldir_hardware.rig.configuration import Rig
-from eldir_hardware.vision.live_tracking import FIRST_PICTURE
+from eldir_hardware.vision.live_tracking import FIRST_PICTURE_KEY
 from eldir_ros.base.message_types import COMPLETE, LATCHED, PICTURES
 from eldir_ros.base.node_parameters import declare_pictures, declare_text, find_file, get_file, get_value
 from eldir_ros.base.rig_node import RigNode
@@ -34,11 +34,13 @@ class McapRecorderNode(RigNode):
 
     def __init__(self, **options: Any):
         super().__init__("mcap_recorder", **options)
-        declare_text(self, "rig", "Rig file (YAML, eldir-rig/1), kept with each log.")
-        declare_text(self, "design", "Design file, kept with each log.")
-        declare_text(self, "tags", "File of the fixed tags. Default: the tags on the topic camera/tags.")
-        declare_text(self, "lens", "Lens file of the camera, kept with each log and written as camera_info.")
-        declare_text(self, "plane", "File of a calibrated plane, kept with each log.")
+        declare_text(self, "rig", "Rig file (YAML, eldir-rig/1), attached to each log.")
+        declare_text(self, "design", "Design file, attached to each log.")
+        declare_text(self, "tags", "File of the reference tags. Default: the tags on the topic camera/tags.")
+        declare_text(
+            self, "lens", "Lens file of the camera, attached to each log and written as camera_info."
+        )
+        declare_text(self, "plane", "File of a calibrated plane, attached to each log.")
         declare_text(self, "folder", "Folder for the logs.", ".")
         self._recording: RunRecording | None = None
         self._files: dict[str, FileRecord | bytes] = {}
@@ -47,13 +49,13 @@ class McapRecorderNode(RigNode):
         self._start_ns = 0
         """Start of the run that is being written [ns]."""
         self._plane: Plane | None = None
-        """The latest plane that the tracker told."""
-        self._plane_kept = False
-        """Whether the log that is being written has the plane."""
+        """The last plane that the tracker published."""
+        self._has_plane = False
+        """Whether the plane is attached to the present log."""
         self._info: dict[str, Any] | None = None
         """The latest calibrated lens that a camera driver published."""
         image = "sensor_msgs/msg/CompressedImage"
-        for name, topic, heard, quality in (
+        for name, topic, callback, quality in (
             ("eldir_msgs/msg/Run", "run", self._on_run, LATCHED),
             ("std_msgs/msg/String", "camera/tags", self._on_tags, LATCHED),
             ("std_msgs/msg/String", "camera/plane", self._on_plane, LATCHED),
@@ -62,7 +64,7 @@ class McapRecorderNode(RigNode):
             ("visualization_msgs/msg/MarkerArray", "marks", self._on_marks, COMPLETE),
             ("eldir_msgs/msg/BoardState", "relay_board/states", self._on_states, COMPLETE),
         ):
-            self.listen(name, topic, heard, quality)
+            self.listen(name, topic, callback, quality)
         self.every(0.2, self._tick)
 
     def open(self) -> None:
@@ -89,7 +91,7 @@ class McapRecorderNode(RigNode):
     def on_silent_node(self, name: str) -> None:
         with self.transition:
             self._write(lambda log: log.on_fault(self.now_ns, name, "sends no heartbeats"))
-            if name == "actuation_sequencer":  # no other node says that the run is over
+            if name == "actuation_sequencer":  # no other node reports the end of the run
                 self._finish("the sequencer sends no heartbeats")
 
     def on_emergency_stop(self, reason: str) -> None:
@@ -100,22 +102,22 @@ class McapRecorderNode(RigNode):
         if self.state != "active":
             return
         if message.state != runs.RUNNING:
-            good = message.state == runs.RUN_FINISHED
-            self._write(lambda log: log.end(self.now_ns, time.monotonic(), message.message, good))
+            is_finished = message.state == runs.RUN_FINISHED
+            self._write(lambda log: log.end(self.now_ns, time.monotonic(), message.message, is_finished))
             return
         self._finish("another run began")
         self._begin(message)
 
     def _begin(self, message: Any) -> None:
         start_ns = self._start_ns = nanoseconds(message.start)
-        begun = time.strftime("%Y%m%d-%H%M%S", time.localtime(1e-9 * start_ns))
+        start = time.strftime("%Y%m%d-%H%M%S", time.localtime(1e-9 * start_ns))
         folder = Path(get_value(self, "folder")).expanduser()
-        path = folder / f"run-{begun}-{message.id}" / "log.mcap"  # each folder is a bag
+        path = folder / f"run-{start}-{message.id}" / "log.mcap"  # each folder is a bag
         schedule = runs.schedule_from(message.schedule)
         names = board.channel_names(self._rig), board.spring_names(self._rig)
         try:
             recording = self._recording = RunRecording(path, *names, start_ns, self._lens)
-            self._plane_kept = False
+            self._has_plane = False
             recording.attach({"schedule.json": schedule, **self._files})
             if self._info is not None:
                 recording.on_camera_info(start_ns, self._info)
@@ -124,7 +126,7 @@ class McapRecorderNode(RigNode):
         except EldirError as error:
             self._fail(error)
             return
-        self._keep_plane()
+        self._attach_plane()
         self.get_logger().info(f"recording {path}")
 
     def _on_tags(self, message: Any) -> None:
@@ -133,16 +135,16 @@ class McapRecorderNode(RigNode):
 
     def _on_plane(self, message: Any) -> None:
         self._plane = Plane.from_json(parse_json(message.data, "camera/plane"))
-        self._keep_plane()
+        self._attach_plane()
 
-    def _keep_plane(self) -> None:
-        """Keep the plane in which this run is tracked: tracked anew, its log gives the same positions. The
-        tracker may tell it before this node hears of the run, and one from earlier pictures after that."""
+    def _attach_plane(self) -> None:
+        """Attach the plane in which this run is tracked, so that tracking its log gives the same positions.
+        It may arrive before the message of the run, and one of earlier pictures after it."""
         plane = self._plane
-        if plane is None or self._recording is None or self._plane_kept or "plane.json" in self._files:
+        if plane is None or self._recording is None or self._has_plane or "plane.json" in self._files:
             return
-        if plane.provenance.get(FIRST_PICTURE, self._start_ns) >= self._start_ns:
-            self._plane_kept = True
+        if plane.provenance.get(FIRST_PICTURE_KEY, self._start_ns) >= self._start_ns:
+            self._has_plane = True
             self._write(lambda log: log.attach({"plane.json": plane}))
 
     def _on_picture(self, message: Any) -> None:
@@ -150,7 +152,7 @@ class McapRecorderNode(RigNode):
         self._write(lambda log: log.on_picture(stamp, data))
 
     def _on_info(self, message: Any) -> None:
-        """The lens that a camera's driver knows; a focal length of 0 means that it knows none."""
+        """The lens from a camera's driver; a focal length of 0 means that it is not calibrated."""
         if message.k[0] and (self._recording is None or not self._recording.camera_known):
             stamp, info = nanoseconds(message.header.stamp), pictures.info_from(message)
             self._info = info
@@ -181,7 +183,7 @@ class McapRecorderNode(RigNode):
             self._finish("")
 
     def _finish(self, reason: str) -> None:
-        """Close the log; `reason` is why, where no message said how the run ended."""
+        """Close the log. `reason`: why, if no message said how the run ended."""
         recording, self._recording = self._recording, None
         if recording is None:
             return

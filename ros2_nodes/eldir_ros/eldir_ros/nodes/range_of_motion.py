@@ -16,7 +16,8 @@ from typing import Any
 
 from eldir.design import Design
 from eldir.errors import EldirError
-from eldir_calibration.comparison.live_range_of_motion import LiveRangeOfMotion, predict_motions
+from eldir_calibration.comparison.live_range_of_motion import LiveRangeOfMotion
+from eldir_calibration.comparison.predictions import predict_motions
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.schedule import ActuationSchedule
 from eldir_ros.base.message_types import COMPLETE, LATCHED, message_class, new_message
@@ -26,7 +27,7 @@ from eldir_ros.base.spinning import spin
 from eldir_ros.conversions import marks, nanoseconds, runs
 
 _CONTEXT = get_context("spawn")
-_PATIENT = 10  # the prediction's niceness: the run that begins needs the processors more
+_NICENESS = 10  # of the prediction: the run has priority
 
 
 class RangeOfMotionNode(RigNode):
@@ -46,7 +47,7 @@ class RangeOfMotionNode(RigNode):
         self._start_ns = 0
         # The engine compiles for seconds and blocks the other threads of its process meanwhile. A pool is
         # no choice: if a signal for all processes ends its worker, which holds a lock, it cannot be closed.
-        self._predicting: Any = None
+        self._prediction: Any = None
 
     def open(self) -> None:
         self._rig = Rig.load(get_file(self, "rig"))
@@ -64,7 +65,7 @@ class RangeOfMotionNode(RigNode):
             self._end()
 
     def shut_down(self) -> None:
-        self._stop_predicting()
+        self._stop_prediction()
         super().shut_down()
 
     def _on_run(self, message: Any) -> None:
@@ -77,66 +78,66 @@ class RangeOfMotionNode(RigNode):
         schedule = runs.schedule_from(message.schedule)
         self._start_ns = nanoseconds(message.start)
         self._run = run = LiveRangeOfMotion(self._design, schedule)
-        self._stop_predicting()
-        answers, sending = _CONTEXT.Pipe(duplex=False)
-        self._predicting = _CONTEXT.Process(
-            target=_predict, args=(sending, self._design, self._rig, schedule), daemon=True
+        self._stop_prediction()
+        receiver, sender = _CONTEXT.Pipe(duplex=False)
+        self._prediction = _CONTEXT.Process(
+            target=_predict, args=(sender, self._design, self._rig, schedule), daemon=True
         )
-        self._predicting.start()
-        sending.close()
+        self._prediction.start()
+        sender.close()
         threading.Thread(
-            target=self._await_predictions, args=(self._predicting, answers, run), daemon=True
+            target=self._await_predictions, args=(self._prediction, receiver, run), daemon=True
         ).start()
 
     def _end(self) -> None:
-        """The run is over before its time: cycles that are not played have no ranges."""
+        """The run has ended early: cycles that are not played have no ranges."""
         self._run = None
-        self._stop_predicting()
+        self._stop_prediction()
 
-    def _stop_predicting(self) -> None:
-        process, self._predicting = self._predicting, None
+    def _stop_prediction(self) -> None:
+        process, self._prediction = self._prediction, None
         if process is not None:
             process.kill()
             process.join()
 
-    def _await_predictions(self, process: Any, answers: Connection, run: LiveRangeOfMotion) -> None:
-        with answers:
+    def _await_predictions(self, process: Any, receiver: Connection, run: LiveRangeOfMotion) -> None:
+        with receiver:
             try:
-                found = answers.recv()
+                result = receiver.recv()
             except (EOFError, ConnectionError):
-                found = EldirError("its process was ended")
-        if isinstance(found, dict):
-            run.predictions.update(found)
-        elif process is self._predicting is not None:  # nobody stopped it on purpose
-            self.report_fault(f"the prediction failed: {found}")
+                result = EldirError("its process was ended")
+        if isinstance(result, dict):
+            run.predictions.update(result)
+        elif process is self._prediction is not None:  # it was not stopped on purpose
+            self.report_fault(f"the prediction failed: {result}")
 
     def _on_marks(self, message: Any) -> None:
         run = self._run
         if run is None or self.state != "active" or not message.markers:
             return
         stamp, names, positions = marks.tracks_from(message)
-        found = run.update(1e-9 * (stamp - self._start_ns), names, positions)
-        if found is not None:
+        cycle = run.update(1e-9 * (stamp - self._start_ns), names, positions)
+        if cycle is not None:
             self._ranges.publish(
-                runs.ranges_of(new_message, stamp, found.cycle, names, found.ranges, found.walked)
+                runs.ranges_of(new_message, stamp, cycle.cycle, names, cycle.ranges, cycle.displacement)
             )
-            tracked = ", ".join(f"{1e3 * r:.1f}" for r in found.ranges["tracked"])
+            tracked = ", ".join(f"{1e3 * r:.1f}" for r in cycle.ranges["tracked"])
             self.get_logger().info(
-                f"cycle {found.cycle}: tracked {tracked} mm, walked {found.walked:+.2f} body lengths"
+                f"cycle {cycle.cycle}: tracked {tracked} mm, walked {cycle.displacement:+.2f} body lengths"
             )
 
 
-def _predict(answers: Connection, design: Design, rig: Rig, schedule: ActuationSchedule) -> None:
-    """Send the motions, or why there are none, from a process of its own."""
+def _predict(sender: Connection, design: Design, rig: Rig, schedule: ActuationSchedule) -> None:
+    """Send the predicted motions, or the error, from a separate process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches it too; the node ends it
-    os.nice(_PATIENT)
-    found: object
+    os.nice(_NICENESS)
+    result: object
     try:
-        found = predict_motions(design, rig, schedule)
+        result = predict_motions(design, schedule, rig)
     except Exception as error:
-        found = EldirError(str(error))
-    with suppress(BrokenPipeError):  # the node has gone
-        answers.send(found)
+        result = EldirError(str(error))
+    with suppress(BrokenPipeError):  # the node has ended
+        sender.send(result)
 
 
 def main() -> None:

@@ -14,15 +14,14 @@ from typing import Any
 from diagnostic_updater import FrequencyStatusParam, HeaderlessTopicDiagnostic
 
 from eldir.errors import EldirError
-from eldir_hardware.guardian.bank import Report
+from eldir_hardware.guardian.bank import Commander, Report
 from eldir_hardware.guardian.client import Guardian
-from eldir_hardware.guardian.commander import Commander
 from eldir_hardware.relay.errors import NotProvenOffError
 from eldir_hardware.rig.board_identity import identify_open
-from eldir_hardware.rig.boards import open_board
 from eldir_hardware.rig.configuration import Rig
-from eldir_hardware.safety.latch import LatchedError, latch, require_proven_open, require_unlatched, stop_of
-from eldir_hardware.safety.spring_memory import reset
+from eldir_hardware.rig.devices import open_board
+from eldir_hardware.safety.latch import LatchedError, latch, read_stop, require_proven_open, require_unlatched
+from eldir_hardware.safety.spring_memory import reset_stop
 from eldir_ros.base.message_types import COMPLETE, LATCHED, RELIABLE, message_class, new_message
 from eldir_ros.base.node_parameters import declare_text, get_file, get_value
 from eldir_ros.base.rig_node import STOP, RigNode
@@ -31,11 +30,11 @@ from eldir_ros.conversions import board as convert
 from eldir_ros.conversions import runs
 from eldir_ros.remote.obeyed_commands import ObeyedCommands
 
-_TICK = 0.05  # from one heartbeat for the guardian to the next [s]
+_HEARTBEAT_INTERVAL = 0.05  # for the guardian [s]
 
 
 class RelayBoardNode(RigNode):
-    """Heats as HeatCommand says, and reports."""
+    """Heats as the messages HeatCommand say, and publishes the reports of the board."""
 
     def __init__(self, **options: Any):
         super().__init__("relay_board", **options)
@@ -58,7 +57,7 @@ class RelayBoardNode(RigNode):
         self.listen("eldir_msgs/msg/HeatCommand", "~/commands", self._on_command, COMPLETE)
         self.serve("std_srvs/srv/Trigger", "emergency_stop", self._on_emergency_stop)
         self.serve("std_srvs/srv/Trigger", "reset_emergency_stop", self._on_reset)
-        self.every(_TICK, self._tick)
+        self.every(_HEARTBEAT_INTERVAL, self._tick)
         self._rate = HeaderlessTopicDiagnostic(
             "states", self.diagnostics, FrequencyStatusParam({"min": 1.5, "max": 15.0})
         )
@@ -66,7 +65,7 @@ class RelayBoardNode(RigNode):
 
     # Lifecycle.
 
-    def awaits(self) -> str:
+    def missing_device(self) -> str:
         with suppress(EldirError):  # reported when the node is configured
             port = self._rig()[1]
             if not os.path.exists(port):
@@ -93,7 +92,7 @@ class RelayBoardNode(RigNode):
         guardian.arm()
         self._armed = True
         self.get_logger().info("armed")
-        if (rest := guardian.rested_at - time.monotonic()) > 0:
+        if (rest := guardian.ready_at - time.monotonic()) > 0:
             self.get_logger().warning(
                 f"springs are still warm: a run that begins within {rest:.0f} s is stopped"
             )
@@ -120,28 +119,28 @@ class RelayBoardNode(RigNode):
             return
         try:
             self._obey(message)
-        except Exception as error:  # who sends such commands cannot be trusted with heat
+        except Exception as error:  # the sender of damaged commands must not heat
             self._fail(EldirError(f"a command of run {message.run!r} is damaged: {error}"))
 
     def _obey(self, message: Any) -> None:
         if not message.run:
-            raise ValueError("it names no run")
+            raise ValueError("run is empty")
         if not self._commander.accepts(message.run):
             self.get_logger().warning(
-                f"run {message.run} wants to heat while run {self._commander.name} does: ignored"
+                f"ignored a command of run {message.run}: run {self._commander.name} is heating"
             )
             return
-        self._obeyed.require_new(message.run, message.number)
-        if message.command in (message.BEAT, message.PULSES):
-            self._commander.hear(message.run, time.monotonic())
+        self._obeyed.require_new(message.run, message.sequence)
+        if message.command in (message.KEEPALIVE, message.PULSES):
+            self._commander.record_command(message.run, time.monotonic())
         if message.command == message.PULSES:
             delay, lengths = runs.pulses_from(message)
             self._open_guardian().heat(time.monotonic() + delay, lengths)
-        elif message.command in (message.CUT, message.END):
+        elif message.command in (message.ABORT, message.END_OF_RUN):
             self._open_guardian().abort_pulses()
-            if message.command == message.END:
+            if message.command == message.END_OF_RUN:
                 self._commander.release()
-        self._obeyed.note(message.run, message.number, time.monotonic())
+        self._obeyed.add(message.run, message.sequence, time.monotonic())
 
     def _on_emergency_stop(self, request: Any, response: Any) -> Any:
         try:
@@ -169,14 +168,14 @@ class RelayBoardNode(RigNode):
         response.success, response.message = True, "all contacts are open; now configure and activate"
         return response
 
-    # What it does by itself.
+    # Timer and faults.
 
     def _tick(self) -> None:
         if self._guardian is None:
             return
         try:
-            self._guardian.beat(self._publish_report)
-            silent = self._commander.lost_for(time.monotonic())
+            self._guardian.keep_alive(self._publish_report)
+            silent = self._commander.silence_if_lost(time.monotonic())
             if silent is not None:
                 raise EldirError(f"run {self._commander.name} sent no command for {silent:.1f} s")
         except EldirError as error:
@@ -224,7 +223,7 @@ class RelayBoardNode(RigNode):
             self.trigger_cleanup()
 
     def _publish_off(self) -> None:
-        """Tell what was just proven: all contacts are open, and the board is not armed."""
+        """Publish what was just proven: all contacts are open, and the board is not armed."""
         if self._last is not None:
             off = (False,) * len(self._last.closed)
             self._publish_report(self._last._replace(t=time.monotonic(), closed=off), armed=False)
@@ -244,8 +243,8 @@ class RelayBoardNode(RigNode):
             report.closed,
             names,
             report.temperatures,
-            report.hottest,
-            report.latest,
+            report.peak,
+            report.max_delay,
             report.currents,
             report.voltages,
         )
@@ -268,7 +267,7 @@ class RelayBoardNode(RigNode):
             require_unlatched(port)
         except LatchedError as error:
             with suppress(EldirError):
-                reason = stop_of(port)
+                reason = read_stop(port)
             reason = reason or why or str(error)
         except EldirError:  # without a rig file there is no port that could be latched
             pass
@@ -298,10 +297,10 @@ def _prove_off(rig: Rig, port: str, unlatched: bool = False) -> None:
     """
     with open_board(rig, port=port) as board:
         board.all_off()
-        device = identify_open(board.handle, port)
+        device = identify_open(board.file_descriptor, port)
         require_proven_open(device)
         if unlatched:
-            reset(device, rig)
+            reset_stop(device, rig)
 
 
 def main() -> None:

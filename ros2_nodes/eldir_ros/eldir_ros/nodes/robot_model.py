@@ -18,17 +18,17 @@ from eldir.parameters.printed import BuiltParameters
 from eldir_cad.geometry.assembly import assemble
 from eldir_cad.kit.specification import load_specification
 from eldir_cad.multibody.hubs import hub_shapes
-from eldir_cad.multibody.urdf import urdf
-from eldir_hardware.vision.whole_body import body_from_marks, hub_angles
+from eldir_cad.multibody.urdf import urdf_text
+from eldir_hardware.vision.whole_body import estimate_body, estimate_hub_angles
 from eldir_ros.base.message_types import COMPLETE, LATCHED, RELIABLE, message_class, new_message
-from eldir_ros.base.node_parameters import declare_text, frame_of, get_file
+from eldir_ros.base.node_parameters import declare_text, frame_name, get_file
 from eldir_ros.base.rig_node import RigNode
 from eldir_ros.base.spinning import spin
 from eldir_ros.conversions import marks, robot
 
 
 class RobotModelNode(RigNode):
-    """Publishes robot_description, joint_states and the frames of all hubs. Only the marks are measured."""
+    """Publishes robot_description, joint_states and the frames of all hubs. Only the markers are measured."""
 
     def __init__(self, **options: Any):
         super().__init__("robot_model", **options)
@@ -44,11 +44,11 @@ class RobotModelNode(RigNode):
             message_class("visualization_msgs/msg/MarkerArray"), "robot_springs", RELIABLE
         )
         self.listen("visualization_msgs/msg/MarkerArray", "marks", self._on_marks, COMPLETE)
-        self._ground = frame_of(self, marks.FRAME_ID)
+        self._ground = frame_name(self, marks.FRAME_ID)
         self._design: Design | None = None
         self._rest: FloatArray | None = None
         self._planes: tuple[float, ...] = ()
-        """Those of the springs of both faces, behind that of the marks [m]."""
+        """Distances of the planes of the springs of both faces behind that of the markers [m]."""
         self._parts: Path | None = None
         """Folder with the shapes of the parts."""
 
@@ -62,7 +62,7 @@ class RobotModelNode(RigNode):
         files = {hub: self._parts / f"hub_{hub:02d}.stl" for hub in shapes}
         for hub, file in files.items():
             write_bytes(file, shapes[hub])
-        text = urdf("robot", {hub: file.as_uri() for hub, file in files.items()}, middle)
+        text = urdf_text("robot", {hub: file.as_uri() for hub, file in files.items()}, middle)
         self._description.publish(new_message("std_msgs/msg/String", data=text))
         self._rest = design.morphology.positions * BuiltParameters().scale
         self._design = design
@@ -76,17 +76,17 @@ class RobotModelNode(RigNode):
     def _on_marks(self, message: Any) -> None:
         if self._design is None or self._rest is None or self.state != "active" or not message.markers:
             return
-        stamp, _, seen = marks.tracks_from(message)
+        stamp, _, tracked = marks.tracks_from(message)
         body = self._design.morphology
-        places = body_from_marks(self._rest, body.springs, body.active, self._design.marks, seen)
-        if places is None:
+        positions = estimate_body(self._rest, body.springs, body.active, self._design.marks, tracked)
+        if positions is None:
             return
-        angles = hub_angles(self._rest, body.springs, places)
-        self._joints.publish(robot.joints_of(new_message, stamp, places, angles))
-        self._frames.publish(robot.frames_of(new_message, stamp, places, angles, self._ground))
+        angles = estimate_hub_angles(self._rest, body.springs, positions)
+        self._joints.publish(robot.joints_of(new_message, stamp, positions, angles))
+        self._frames.publish(robot.frames_of(new_message, stamp, positions, angles, self._ground))
         self._springs.publish(
             robot.springs_of(
-                new_message, stamp, places, body.springs, body.active, self._planes, self._ground
+                new_message, stamp, positions, body.springs, body.active, self._planes, self._ground
             )
         )
 

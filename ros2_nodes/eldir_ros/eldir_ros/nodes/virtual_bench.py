@@ -4,7 +4,7 @@
 
 """The virtual rig's hardware: an emulated board on a port, springs, and a robot.
 
-It stands for hardware and not for software of the rig: it has no lifecycle and ignores the emergency stop.
+It replaces hardware, not software, of the rig: it has no lifecycle and ignores the emergency stop.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ from eldir.errors import EldirError
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.sections import VirtualCameraEntry
 from eldir_hardware.safety.latch import unlatch
-from eldir_hardware.virtual.body_process import BodyProcess
+from eldir_hardware.virtual.bodies import BodyProcess
 from eldir_hardware.virtual.rig import BodyFrame, VirtualRig
 from eldir_ros.base.message_types import RELIABLE, message_class, new_message
-from eldir_ros.base.node_parameters import declare_text, find_file, frame_of, get_file
+from eldir_ros.base.node_parameters import declare_text, find_file, frame_name, get_file
 from eldir_ros.base.spinning import spin
 from eldir_ros.conversions import marks
 
-_LEAST, _MOST = 1.5, 4.0  # at the end guardians get so long to open contacts, at least and at most [s]
+_MIN_SHUTDOWN, _MAX_SHUTDOWN = 1.5, 4.0  # time for guardians to open contacts at the end [s]
 
 
 class VirtualBenchNode(Node):
-    """Publishes where the robot's masses truly are, at the virtual camera's rate."""
+    """Publishes the true positions of the robot's masses, at the virtual camera's rate."""
 
     def __init__(self, **options: Any):
         super().__init__("virtual_bench", **options)
@@ -46,8 +46,8 @@ class VirtualBenchNode(Node):
         self._masses = self.create_publisher(
             message_class("geometry_msgs/msg/PoseArray"), "bench/masses", RELIABLE
         )
-        self._ground = frame_of(self, marks.FRAME_ID)
-        self._traced = 0
+        self._ground = frame_name(self, marks.FRAME_ID)
+        self._edges_written = 0
         self._opened = ExitStack()
         with ExitStack() as opening:
             rate = self._power_on(opening)
@@ -85,19 +85,19 @@ class VirtualBenchNode(Node):
             self._masses.publish(marks.poses_of(new_message, stamp, frame.positions, self._ground))
 
     def _write_edges(self) -> None:
-        edges = self._rig.emulator.edges
-        while self._trace is not None and self._traced < len(edges):
-            edge = edges[self._traced]
+        edges = self._rig.emulator.contact_events
+        while self._trace is not None and self._edges_written < len(edges):
+            edge = edges[self._edges_written]
             self._trace.write(
                 json.dumps({"t_s": edge.t, "channel": edge.channel, "closed": edge.closed}) + "\n"
             )
-            self._traced += 1
+            self._edges_written += 1
 
     def shut_down(self) -> None:
         """Switch the emulated hardware off, but give guardians a moment to open the contacts first."""
         ended = time.monotonic()
-        while (passed := time.monotonic() - ended) < _LEAST or (
-            passed < _MOST and any(self._rig.emulator.contacts)
+        while (passed := time.monotonic() - ended) < _MIN_SHUTDOWN or (
+            passed < _MAX_SHUTDOWN and any(self._rig.emulator.contacts)
         ):
             time.sleep(0.05)
         self._write_edges()

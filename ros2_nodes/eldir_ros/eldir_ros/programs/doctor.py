@@ -2,7 +2,7 @@
 # Use of this source code is governed by an MIT-style license that can be found in the LICENSE file or at
 # https://opensource.org/licenses/MIT.
 
-"""`ros2 run eldir_ros doctor`: is the graph of the rig complete, and is it the right one.
+"""`ros2 run eldir_ros doctor`: checks whether the graph of the rig is complete and correct.
 
 For a rig in a namespace: `ros2 run eldir_ros doctor --ros-args -r __ns:=/left`.
 """
@@ -19,12 +19,12 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 
 from eldir.errors import EldirError
-from eldir_ros.base.joining import joining
+from eldir_ros.base.joining import ros_errors_as_eldir_errors
 from eldir_ros.base.message_types import COMPLETE, LATCHED, PICTURES, message_class
 from eldir_ros.conversions import nanoseconds
-from eldir_ros.remote.graph_check import Seen, examine
+from eldir_ros.remote.graph_check import GraphSnapshot, examine
 
-_WATCHED = 4.0  # so long [s]; diagnostics come once a second, and discovery takes its time
+_DURATION = 4.0  # [s]; diagnostics come once a second, and discovery takes its time
 _TYPES = {
     "relay_board/states": "eldir_msgs/msg/BoardState",
     "relay_board/commands": "eldir_msgs/msg/HeatCommand",
@@ -37,12 +37,12 @@ _TYPES = {
 _ERROR = 2  # level of diagnostic_msgs
 
 
-class _Watch(Node):
-    """Listens for some seconds."""
+class _GraphObserver(Node):
+    """Observes the graph for some seconds."""
 
     def __init__(self) -> None:
         super().__init__("doctor")
-        self.seen = Seen(
+        self.graph = GraphSnapshot(
             int(os.environ.get("ROS_DOMAIN_ID", "0") or 0),
             os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET"),
             rclpy.get_rmw_implementation_identifier(),
@@ -51,7 +51,7 @@ class _Watch(Node):
         self._states: dict[str, str] = {}
         self._faults: dict[str, str] = {}
         for topic, name, heard, quality in (
-            ("alive", "diagnostic_msgs/msg/KeyValue", self._on_beat, COMPLETE),
+            ("alive", "diagnostic_msgs/msg/KeyValue", self._on_heartbeat, COMPLETE),
             ("relay_board/states", "eldir_msgs/msg/BoardState", self._on_report, COMPLETE),
             ("camera/image_raw/compressed", "sensor_msgs/msg/CompressedImage", self._on_picture, PICTURES),
             ("emergency_stop", "eldir_msgs/msg/EmergencyStop", self._on_stop, LATCHED),
@@ -59,18 +59,18 @@ class _Watch(Node):
         ):
             self.create_subscription(message_class(name), topic, heard, quality)
 
-    def _on_beat(self, message: Any) -> None:
+    def _on_heartbeat(self, message: Any) -> None:
         self._states[message.key] = message.value
 
     def _on_report(self, message: Any) -> None:
         now = self.get_clock().now().nanoseconds
-        self.seen.skew = 1e-9 * (nanoseconds(message.header.stamp) - now) + message.age
+        self.graph.skew = 1e-9 * (nanoseconds(message.header.stamp) - now) + message.age
 
     def _on_picture(self, message: Any) -> None:
-        self.seen.pictures += 1
+        self.graph.pictures += 1
 
     def _on_stop(self, message: Any) -> None:
-        self.seen.stopped = message.reason if message.stopped else ""
+        self.graph.stopped = message.reason if message.stopped else ""
 
     def _on_diagnostics(self, message: Any) -> None:
         for status in message.status:
@@ -82,29 +82,29 @@ class _Watch(Node):
         space = self.get_namespace()
         return name.startswith(f"{space}/") if space != "/" else not name.startswith("/")
 
-    def conclude(self, seconds: float) -> Seen:
-        """What was seen in so many seconds."""
-        seen, space = self.seen, self.get_namespace()
-        seen.watched = seconds
-        seen.nodes = tuple(n for n, s in self.get_node_names_and_namespaces() if s == space)
-        seen.states = self._states
-        seen.commanders = tuple(
+    def snapshot(self, seconds: float) -> GraphSnapshot:
+        """The observations of so many seconds."""
+        graph, space = self.graph, self.get_namespace()
+        graph.duration = seconds
+        graph.nodes = tuple(n for n, s in self.get_node_names_and_namespaces() if s == space)
+        graph.states = self._states
+        graph.commanders = tuple(
             p.node_name for p in self.get_publishers_info_by_topic("relay_board/commands")
         )
-        seen.clocks = self.count_publishers("/clock")
+        graph.clocks = self.count_publishers("/clock")
         prefix = space.rstrip("/") + "/"
         types = {n.removeprefix(prefix): t for n, t in self.get_topic_names_and_types()}
-        seen.foreign = {
-            topic: f"{', '.join(types[topic])} instead of {wanted}"
-            for topic, wanted in _TYPES.items()
-            if topic in types and types[topic] != [wanted]
+        graph.foreign = {
+            topic: f"{', '.join(types[topic])} instead of {expected}"
+            for topic, expected in _TYPES.items()
+            if topic in types and types[topic] != [expected]
         }
-        seen.faults = tuple(
+        graph.faults = tuple(
             f"{name.removeprefix(prefix)}: {text}"
             for name, text in sorted(self._faults.items())
-            if text and not (seen.stopped and seen.stopped in text)
+            if text and not (graph.stopped and graph.stopped in text)
         )
-        return seen
+        return graph
 
 
 def main() -> None:
@@ -112,20 +112,20 @@ def main() -> None:
     if rclpy.utilities.remove_ros_args(sys.argv)[1:]:
         sys.exit("usage: ros2 run eldir_ros doctor [--ros-args -r __ns:=/NAMESPACE]")
     try:
-        with joining():
+        with ros_errors_as_eldir_errors():
             rclpy.init(args=sys.argv)
-            watch, executor = _Watch(), SingleThreadedExecutor()
+            observer, executor = _GraphObserver(), SingleThreadedExecutor()
     except EldirError as error:
         sys.exit(f"doctor: {error}")
-    executor.add_node(watch)
-    begun = time.monotonic()
+    executor.add_node(observer)
+    start = time.monotonic()
     try:
-        while (passed := time.monotonic() - begun) < _WATCHED:
+        while (passed := time.monotonic() - start) < _DURATION:
             executor.spin_once(timeout_sec=0.1)
-        found = examine(watch.conclude(passed))
+        findings = examine(observer.snapshot(passed))
     except (KeyboardInterrupt, ExternalShutdownException):
         sys.exit(130)
-    for finding in found:
-        print(f"{'ok   ' if finding.ok else 'WRONG'} {finding.subject}: {finding.text}")
+    for finding in findings:
+        print(f"{'ok   ' if finding.ok else 'FAIL '} {finding.subject}: {finding.text}")
     rclpy.try_shutdown()
-    sys.exit(0 if all(f.ok for f in found) else 1)
+    sys.exit(0 if all(f.ok for f in findings) else 1)

@@ -72,7 +72,7 @@ class Graph:
         namespace = namespace.strip("/")
         if namespace and not re.fullmatch(r"[A-Za-z]\w*(/[A-Za-z]\w*)*", namespace):
             raise InputError(
-                "the launch argument namespace is no name",
+                "invalid launch argument namespace",
                 expected="letters, digits and _, such as left",
                 found=repr(namespace),
             )
@@ -111,7 +111,7 @@ def number(name: str, text: str) -> float:
     try:
         return float(text)
     except ValueError:
-        raise InputError(f"the launch argument {name} is no number", found=repr(text)) from None
+        raise InputError(f"invalid launch argument {name}", expected="a number", found=repr(text)) from None
 
 
 def run(schedule: str, required: tuple[str, ...], graph: Graph) -> list[Any]:

@@ -26,14 +26,14 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
 from eldir.errors import EldirError
-from eldir_ros.base.joining import joining
+from eldir_ros.base.joining import ros_errors_as_eldir_errors
 from eldir_ros.base.message_types import COMPLETE, LATCHED, message_class, new_message
 from eldir_ros.conversions import runs
 from eldir_ros.remote.heartbeats import PERIOD, Heartbeats
 
-_PATIENCE = 60.0  # until the other nodes must be active [s]
-_ENDING = 15.0  # from a cancellation to the result [s]
-_ENDS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
+_ACTIVE_TIMEOUT = 60.0  # until the other nodes must be active [s]
+_RESULT_TIMEOUT = 15.0  # from a cancellation to the result [s]
+_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 _INTERRUPTED = 130  # exit status of a program that Ctrl-C ended
 
 
@@ -43,56 +43,56 @@ def main() -> None:
     if not arguments:
         sys.exit("usage: ros2 run eldir_ros run_schedule SCHEDULE.json [NODE...]")
     try:
-        with joining():
+        with ros_errors_as_eldir_errors():
             rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
         result = _send(Path(arguments[0]), ("relay_board", "actuation_sequencer", *arguments[1:]))
     except (OSError, EldirError) as error:
         sys.exit(f"run_schedule: {error}")
-    except _AskedError as asked:
-        print(f"run_schedule: {asked}; nothing was heated", file=sys.stderr)
+    except _EndedError as ended:
+        print(f"run_schedule: {ended}; nothing was heated", file=sys.stderr)
         sys.exit(_INTERRUPTED)
     finally:
         rclpy.try_shutdown()
-    hottest = f"at most {result.hottest:.1f} C"
-    print(f"{result.message}; {result.duration:.1f} s, {hottest}, {len(result.edges)} edges", flush=True)
+    temperature = f"at most {result.hottest:.1f} C"
+    print(f"{result.message}; {result.duration:.1f} s, {temperature}, {len(result.edges)} edges", flush=True)
     sys.exit(0 if result.outcome == runs.FINISHED else 1)
 
 
-class _AskedError(Exception):
-    """The program was asked to end."""
+class _EndedError(Exception):
+    """A signal has ended the program, or its parent process has ended."""
 
 
-class _Ending:
-    """Notices signals, and that the program which started this one has gone: `ros2 run`, `ros2 launch`."""
+class _EndCondition:
+    """Watches for signals, and for the end of the parent process: `ros2 run`, `ros2 launch`."""
 
     def __init__(self) -> None:
         self._parent = os.getppid()
-        self._asked = ""
-        for number in _ENDS:
+        self._signal = ""
+        for number in _SIGNALS:
             if signal.getsignal(number) is not signal.SIG_IGN:  # with nohup a closed terminal is no reason
                 signal.signal(number, self._on_signal)
 
     def _on_signal(self, number: int, _frame: object) -> None:
-        self._asked = self._asked or f"ended by {signal.Signals(number).name}"
+        self._signal = self._signal or f"ended by {signal.Signals(number).name}"
 
     @property
-    def why(self) -> str:
-        """Why this program is to end; empty while it is not."""
-        gone = "" if os.getppid() == self._parent else "the program that started this one has gone"
-        return self._asked or gone
+    def reason(self) -> str:
+        """Why this program has to end; empty while it has not."""
+        parent_ended = "" if os.getppid() == self._parent else "the parent process has ended"
+        return self._signal or parent_ended
 
 
 class _Client:
-    """Hears who is active and whether the emergency stop is latched, and sends the goal's heartbeats."""
+    """Receives the states of the nodes and of the emergency stop, and sends the goal's heartbeats."""
 
     def __init__(self) -> None:
         self.name = f"run_schedule_{uuid.uuid4().hex[:8]}"
         self.node = rclpy.create_node("run_schedule")
         self.action = ActionClient(self.node, message_class("eldir_msgs/action/RunSchedule"), "run_schedule")
         self.heartbeats, self.stopped = Heartbeats(), ""
-        beat, text = message_class("diagnostic_msgs/msg/KeyValue"), message_class("std_msgs/msg/String")
+        heartbeat, text = message_class("diagnostic_msgs/msg/KeyValue"), message_class("std_msgs/msg/String")
         stop = message_class("eldir_msgs/msg/EmergencyStop")
-        self.node.create_subscription(beat, "alive", self._hear, COMPLETE)
+        self.node.create_subscription(heartbeat, "alive", self._on_heartbeat, COMPLETE)
         self.node.create_subscription(stop, "emergency_stop", self._on_stop, LATCHED)
         self._alive = self.node.create_publisher(text, "run_schedule/alive", COMPLETE)
         own = new_message("std_msgs/msg/String", data=self.name)
@@ -107,8 +107,8 @@ class _Client:
         self.node.destroy_node()
 
     @property
-    def heard(self) -> bool:
-        """Whether a sequencer serves the action and hears the heartbeats."""
+    def is_connected(self) -> bool:
+        """Whether a sequencer serves the action and subscribes to the heartbeats."""
         return self.action.server_is_ready() and self._alive.get_subscription_count() > 0
 
     def spin_until(self, done: Callable[[], bool], check: Callable[[], None]) -> None:
@@ -117,8 +117,8 @@ class _Client:
             check()
             self._executor.spin_once(timeout_sec=0.1)
 
-    def _hear(self, message: Any) -> None:
-        self.heartbeats.hear(message.key, message.value, time.monotonic())
+    def _on_heartbeat(self, message: Any) -> None:
+        self.heartbeats.update(message.key, message.value, time.monotonic())
 
     def _on_stop(self, message: Any) -> None:
         self.stopped = message.reason if message.stopped else ""
@@ -127,42 +127,42 @@ class _Client:
 def _send(path: Path, required: tuple[str, ...]) -> Any:
     text = path.read_text()
     runs.schedule_from(text)
-    ending = _Ending()
-    with joining():
+    end = _EndCondition()
+    with ros_errors_as_eldir_errors():
         client = _Client()
     try:
-        _wait_for(client, ending, required)
+        _wait_for(client, end, required)
         goal = new_message("eldir_msgs/action/RunSchedule_Goal", schedule=text, client=client.name)
-        sent = client.action.send_goal_async(goal, _show)
+        sent = client.action.send_goal_async(goal, _print_feedback)
         client.spin_until(sent.done, lambda: _require_sequencer(client))
         accepted = sent.result()
         if not accepted.accepted:
-            raise EldirError("the sequencer has two schedules already", remedy="wait until they have ended")
-        return _follow(client, ending, accepted)
+            raise EldirError("the sequencer already has two schedules", remedy="wait until they have ended")
+        return _await_result(client, end, accepted)
     finally:
         client.close()
 
 
-def _follow(client: _Client, ending: _Ending, goal: Any) -> Any:
+def _await_result(client: _Client, end: _EndCondition, goal: Any) -> Any:
     """The result of a goal; a signal cancels it."""
     result = goal.get_result_async()
-    client.spin_until(lambda: result.done() or bool(ending.why), lambda: _require_sequencer(client))
+    client.spin_until(lambda: result.done() or bool(end.reason), lambda: _require_sequencer(client))
     if not result.done():
-        print(f"cancelling: {ending.why}", file=sys.stderr, flush=True)
+        print(f"cancelling: {end.reason}", file=sys.stderr, flush=True)
         goal.cancel_goal_async()
-        deadline = time.monotonic() + _ENDING
+        deadline = time.monotonic() + _RESULT_TIMEOUT
 
         def check() -> None:
             _require_sequencer(client)
             if time.monotonic() > deadline:
-                raise EldirError("the sequencer does not say how the run ended", remedy="look at the rig")
+                raise EldirError("the sequencer sent no result of the run", remedy="look at the rig")
 
         client.spin_until(result.done, check)
     return result.result().result
 
 
 def _require_sequencer(client: _Client) -> None:
-    """Raise where nobody plays the schedule any more."""
+    """Raise `EldirError` if the sequencer does not play the schedule any more."""
     state = client.heartbeats.state_of("actuation_sequencer", time.monotonic())
     if state in ("absent", "silent"):
         raise EldirError(
@@ -172,17 +172,17 @@ def _require_sequencer(client: _Client) -> None:
         )
 
 
-def _wait_for(client: _Client, ending: _Ending, required: tuple[str, ...]) -> None:
+def _wait_for(client: _Client, end: _EndCondition, required: tuple[str, ...]) -> None:
     """Wait until these nodes are active; raises `EldirError` after a minute, or while a stop is latched."""
-    deadline, told = time.monotonic() + _PATIENCE, False
+    deadline, is_reported = time.monotonic() + _ACTIVE_TIMEOUT, False
 
     def missing() -> tuple[str, ...]:
         return client.heartbeats.missing(required, time.monotonic())
 
     def check() -> None:
-        nonlocal told
-        if ending.why:
-            raise _AskedError(ending.why)
+        nonlocal is_reported
+        if end.reason:
+            raise _EndedError(end.reason)
         if client.stopped:
             raise EldirError(
                 f"the emergency stop is latched: {client.stopped}",
@@ -194,14 +194,14 @@ def _wait_for(client: _Client, ending: _Ending, required: tuple[str, ...]) -> No
                 "; ".join(missing()) or "no node serves the action run_schedule",
                 remedy="ros2 lifecycle set NODE configure, then activate",
             )
-        if not told and left < _PATIENCE - 5.0:
-            told = True
+        if not is_reported and left < _ACTIVE_TIMEOUT - 5.0:
+            is_reported = True
             print(f"waiting: {'; '.join(missing()) or 'for the action'}", file=sys.stderr, flush=True)
 
-    client.spin_until(lambda: not missing() and client.heard and not client.stopped, check)
+    client.spin_until(lambda: not missing() and client.is_connected and not client.stopped, check)
 
 
-def _show(message: Any) -> None:
+def _print_feedback(message: Any) -> None:
     f = message.feedback
     hot = ", ".join(f"{n} {t:.1f} C" for n, t in zip(f.springs, f.temperatures, strict=True))
     closed = ", ".join(str(c) for c in f.closed) or "none"

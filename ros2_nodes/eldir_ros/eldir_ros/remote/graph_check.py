@@ -2,7 +2,7 @@
 # Use of this source code is governed by an MIT-style license that can be found in the LICENSE file or at
 # https://opensource.org/licenses/MIT.
 
-"""What is wrong with the graph of a rig, from what was seen on it for some seconds."""
+"""Checks the graph of a rig, from what was observed on it for some seconds."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ TESTED = "rmw_cyclonedds_cpp"
 """The middleware that the nodes were tested on."""
 HEATING = ("relay_board", "actuation_sequencer")
 OBSERVERS = ("camera", "mass_tracker", "mcap_recorder", "range_of_motion")
-_MOST_SKEW = 0.05  # between two clocks: half a picture's interval [s]
-_LEAST_PICTURES = 5.0  # rate below which marks get lost between two pictures [1/s]
+_MAX_SKEW = 0.05  # between two clocks: half a picture's interval [s]
+_MIN_FRAME_RATE = 5.0  # below it markers get lost between two pictures [1/s]
 
 
 class Finding(NamedTuple):
@@ -27,18 +27,18 @@ class Finding(NamedTuple):
 
 
 @dataclass
-class Seen:
-    """What was seen on the graph; names are those within the rig's namespace."""
+class GraphSnapshot:
+    """Observations of the graph; names are those within the rig's namespace."""
 
     domain: int
-    reach: str
-    """How far nodes look for each other, such as LOCALHOST."""
+    discovery_range: str
+    """Range in which nodes discover each other, such as LOCALHOST."""
     middleware: str
     namespace: str
     nodes: tuple[str, ...] = ()
-    """Names of the nodes in the namespace, one for each that has it."""
+    """Names of all nodes in the namespace; a name that two nodes have occurs twice."""
     states: Mapping[str, str] = field(default_factory=dict)
-    """State of the lifecycle that each node's heartbeats tell."""
+    """Lifecycle state in the last heartbeat of each node."""
     commanders: tuple[str, ...] = ()
     """Nodes that publish commands to the relay board."""
     foreign: Mapping[str, str] = field(default_factory=dict)
@@ -48,7 +48,7 @@ class Seen:
     skew: float | None = None
     """By how much the relay board's clock is ahead of this computer's [s]; None without a report."""
     pictures: int = 0
-    watched: float = 1.0
+    duration: float = 1.0
     """Time in which the pictures were counted [s]."""
     stopped: str = ""
     """Why the emergency stop is latched."""
@@ -56,38 +56,38 @@ class Seen:
     """Errors in the diagnostics."""
 
 
-def examine(seen: Seen) -> list[Finding]:
+def examine(graph: GraphSnapshot) -> list[Finding]:
     """One finding for each check; those that are not ok say what to do."""
-    where = f"domain {seen.domain}, {seen.reach.lower()}, namespace {seen.namespace}"
-    found = [Finding("graph", True, where), _middleware(seen)]
+    location = f"domain {graph.domain}, {graph.discovery_range.lower()}, namespace {graph.namespace}"
+    findings = [Finding("graph", True, location), _middleware(graph)]
     for name in (*HEATING, *OBSERVERS):
-        found.append(_node(seen, name))
-    for topic, types in seen.foreign.items():
+        findings.append(_node(graph, name))
+    for topic, types in graph.foreign.items():
         text = f"{topic} has the type {types}: build the same eldir_msgs on all computers"
-        found.append(Finding("types", False, text))
-    found += [_commands(seen), _clock(seen), _pictures(seen)]
-    latched = f"latched: {seen.stopped}; look at the rig, then call reset_emergency_stop"
-    found.append(Finding("emergency stop", not seen.stopped, latched if seen.stopped else "not latched"))
-    found += [Finding("diagnostics", False, fault) for fault in seen.faults]
-    return found
+        findings.append(Finding("types", False, text))
+    findings += [_commands(graph), _clock(graph), _pictures(graph)]
+    latched = f"latched: {graph.stopped}; look at the rig, then call reset_emergency_stop"
+    findings.append(Finding("emergency stop", not graph.stopped, latched if graph.stopped else "not latched"))
+    findings += [Finding("diagnostics", False, fault) for fault in graph.faults]
+    return findings
 
 
-def _middleware(seen: Seen) -> Finding:
-    if seen.middleware == TESTED:
-        return Finding("middleware", True, seen.middleware)
-    text = f"{seen.middleware} was not tested: export RMW_IMPLEMENTATION={TESTED} on all computers"
+def _middleware(graph: GraphSnapshot) -> Finding:
+    if graph.middleware == TESTED:
+        return Finding("middleware", True, graph.middleware)
+    text = f"{graph.middleware} was not tested: export RMW_IMPLEMENTATION={TESTED} on all computers"
     return Finding("middleware", False, text)
 
 
-def _node(seen: Seen, name: str) -> Finding:
-    count, state = seen.nodes.count(name), seen.states.get(name, "")
-    place = f"{seen.namespace.rstrip('/')}/{name}"
+def _node(graph: GraphSnapshot, name: str) -> Finding:
+    count, state = graph.nodes.count(name), graph.states.get(name, "")
+    place = f"{graph.namespace.rstrip('/')}/{name}"
     if count > 1:
         return Finding(name, False, f"{count} nodes have this name: end all but one, or use namespaces")
-    if not count and name == "camera" and seen.pictures:
+    if not count and name == "camera" and graph.pictures:
         return Finding(name, True, "another program publishes the pictures")
     if not count:
-        return Finding(name, False, "is not there: start it, or compare domain and namespace")
+        return Finding(name, False, "is not running: start it, or compare domain and namespace")
     if not state:
         return Finding(name, False, "sends no heartbeats: it hangs, or messages do not arrive; restart it")
     if state != "active":
@@ -96,32 +96,30 @@ def _node(seen: Seen, name: str) -> Finding:
     return Finding(name, True, state)
 
 
-def _commands(seen: Seen) -> Finding:
-    others = [n for n in seen.commanders if n != "actuation_sequencer"]
+def _commands(graph: GraphSnapshot) -> Finding:
+    others = [n for n in graph.commanders if n != "actuation_sequencer"]
     if others:
-        text = f"also sent by {', '.join(others)}: end it, only the sequencer may heat"
+        text = f"also sent by {', '.join(others)}: end it; only the sequencer may heat"
         return Finding("commands", False, text)
-    return Finding("commands", True, "sent by the sequencer alone" if seen.commanders else "nobody sends any")
+    return Finding("commands", True, "sent by the sequencer alone" if graph.commanders else "none are sent")
 
 
-def _clock(seen: Seen) -> Finding:
-    if seen.clocks:
+def _clock(graph: GraphSnapshot) -> Finding:
+    if graph.clocks:
         return Finding("clock", True, "/clock is published: with use_sim_time stamps follow it, heat never")
-    if seen.skew is None:
+    if graph.skew is None:
         return Finding("clock", True, "not compared: relay_board sends no reports")
-    text = f"relay_board's clock is {1e3 * seen.skew:+.0f} ms from this computer's"
-    if abs(seen.skew) > _MOST_SKEW:
-        text += ": stamps in logs do not fit (heat is not concerned); synchronise them, for example by chrony"
+    text = f"relay_board's clock is {1e3 * graph.skew:+.0f} ms from this computer's"
+    if abs(graph.skew) > _MAX_SKEW:
+        text += ": synchronise the clocks, such as by chrony; timestamps in logs do not match"
         return Finding("clock", False, text)
     return Finding("clock", True, text)
 
 
-def _pictures(seen: Seen) -> Finding:
-    rate = seen.pictures / seen.watched
+def _pictures(graph: GraphSnapshot) -> Finding:
+    rate = graph.pictures / graph.duration
     text = f"{rate:.1f} pictures a second"
-    if rate >= _LEAST_PICTURES:
+    if rate >= _MIN_FRAME_RATE:
         return Finding("pictures", True, text)
-    advice = (
-        f"{text} on camera/image_raw/compressed, expected {_LEAST_PICTURES:g} or more: look at the camera"
-    )
+    advice = f"{text} on camera/image_raw/compressed, expected {_MIN_FRAME_RATE:g} or more: check the camera"
     return Finding("pictures", False, advice)

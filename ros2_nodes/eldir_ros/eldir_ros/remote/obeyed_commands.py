@@ -8,27 +8,27 @@ from __future__ import annotations
 
 from collections import deque
 
-_MOST = 100  # commands kept; a report is younger than a second, a command comes every 0.1 s
+_MAX_COMMANDS = 100  # a report is younger than a second, a command comes every 0.1 s
 
 
 class ObeyedCommands:
-    """Numbers of commands and when they were obeyed, on the clock of the board's readings [s]."""
+    """Sequence numbers of commands and when they were obeyed, on the clock of the board's readings [s]."""
 
     def __init__(self) -> None:
-        self._obeyed: deque[tuple[float, str, int]] = deque(maxlen=_MOST)
+        self._obeyed: deque[tuple[float, str, int]] = deque(maxlen=_MAX_COMMANDS)
 
-    def require_new(self, run: str, number: int) -> None:
-        """Raise `ValueError` where a run repeats a command, or sends one that it has overtaken."""
+    def require_new(self, run: str, sequence: int) -> None:
+        """Raise `ValueError` for a command that is repeated or late in its run."""
         _, last_run, last = self._obeyed[-1] if self._obeyed else (0.0, "", 0)
-        least = last if run == last_run else 0
-        if number <= least:
-            raise ValueError(f"its number is {number}, expected more than {least}")
+        previous = last if run == last_run else 0
+        if sequence <= previous:
+            raise ValueError(f"its sequence is {sequence}, expected more than {previous}")
 
-    def note(self, run: str, number: int, now: float) -> None:
-        """A command was obeyed."""
-        self._obeyed.append((now, run, number))
+    def add(self, run: str, sequence: int, now: float) -> None:
+        """Record a command that was obeyed at `now` [s]."""
+        self._obeyed.append((now, run, sequence))
 
     def before(self, t: float) -> tuple[str, int]:
-        """Run and number of the latest command that was obeyed before `t`; 0 where there is none."""
-        earlier = [(run, number) for at, run, number in self._obeyed if at < t]
+        """Run and sequence of the last command that was obeyed before `t`; 0 if there is none."""
+        earlier = [(run, sequence) for at, run, sequence in self._obeyed if at < t]
         return earlier[-1] if earlier else ("", 0)

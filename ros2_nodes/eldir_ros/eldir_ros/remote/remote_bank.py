@@ -19,9 +19,9 @@ from eldir_hardware.safety.stop_signals import StoppedError
 from eldir_ros.conversions import runs
 from eldir_ros.conversions.board import BoardState
 
-_BOARD_PATIENCE = 1.2  # without a report for so long, the board node counts as dead [s]
-_BEAT = 0.1  # from one BEAT to the next [s]
-_PROVING = 3.0  # until every contact must have been reported open [s]
+_BOARD_TIMEOUT = 1.2  # without a report for so long, the board node counts as dead [s]
+_KEEPALIVE_INTERVAL = 0.1  # [s]
+_OFF_TIMEOUT = 3.0  # until every contact must have been reported open [s]
 
 
 class InterruptedRunError(EldirError):
@@ -37,14 +37,15 @@ class InterruptedRunError(EldirError):
 class BoardLink(Protocol):
     """Sends commands to the relay board node."""
 
-    def send_command(self, command: int, number: int) -> None:
-        """Send BEAT, CUT or END; `number` counts the commands of the run."""
+    def send_command(self, command: int, sequence: int) -> None:
+        """Send KEEPALIVE, ABORT or END_OF_RUN; `sequence`: number of the command in the run."""
 
-    def send_pulses(self, delay: float, lengths: Mapping[int, float], number: int) -> None:
-        """Send pulses that begin after `delay` [s]: channel to seconds."""
+    def send_pulses(self, delay: float, lengths: Mapping[int, float], sequence: int) -> None:
+        """Send pulses that begin after `delay` [s]; `lengths`: duration by channel [s]."""
 
 
-BEAT, PULSES, CUT, END = range(4)
+KEEPALIVE, PULSES, ABORT, END_OF_RUN = range(4)
+"""Commands, as in HeatCommand.msg."""
 
 
 class RemoteBank(HeaterBank):
@@ -62,15 +63,15 @@ class RemoteBank(HeaterBank):
         stopped: Callable[[], str],
     ):
         self._link, self._run, self._missing, self._stopped = link, run, missing, stopped
-        self._sent = 0
-        """Number of the latest command."""
+        self._sequence = 0
+        """Number of the last command."""
         self._reports: queue.Queue[tuple[BoardState, Report] | None] = queue.Queue()
         self._ending: tuple[int, str] | None = None
-        self._deciding = threading.Lock()
+        self._ending_lock = threading.Lock()
         self.last: BoardState | None = None
-        """The latest report that the run has seen."""
-        self._heard = -float("inf")
-        self._see: ReportCallback = lambda report: None
+        """The last report of the board."""
+        self._last_report_at = -float("inf")
+        self._on_report: ReportCallback = lambda report: None
 
     def report(self, state: BoardState) -> None:
         """Add a report that the board node published; call it when the message arrives."""
@@ -82,18 +83,18 @@ class RemoteBank(HeaterBank):
 
     def interrupt(self, outcome: int, why: str) -> None:
         """End the run at once; only the first reason counts."""
-        with self._deciding:
+        with self._ending_lock:
             self._ending = self._ending or (outcome, why)
         self._reports.put(None)
 
     def arm(self) -> None:
         """Require that the board node is armed, by its reports, and that no required node is missing.
 
-        What is late is awaited for a moment. Activating the board node arms it."""
-        deadline = time.monotonic() + _BOARD_PATIENCE
-        while not self._is_reported() or self._missing():  # nothing heats yet: what is late may come
-            self._take(0.1, lambda report: None)
-            self._raise_if_ended()
+        Late messages are awaited for a moment. Activating the board node arms it."""
+        deadline = time.monotonic() + _BOARD_TIMEOUT
+        while not self._is_reported() or self._missing():  # nothing heats yet: late messages may still arrive
+            self._take_reports(0.1, lambda report: None)
+            self._require_running()
             if time.monotonic() > deadline:
                 break
         if self.last is None or not self._is_reported():
@@ -109,87 +110,87 @@ class RemoteBank(HeaterBank):
             )
         if any(self.last.closed):
             raise EldirError("a contact is closed before the start", remedy="look at the relay board")
-        self._raise_if_missing()
-        self._send(BEAT)
+        self._require_nodes()
+        self._send(KEEPALIVE)
 
     def heat(self, at: float, lengths: Mapping[int, float]) -> None:
-        self._sent += 1
-        self._link.send_pulses(at - time.monotonic(), lengths, self._sent)
+        self._sequence += 1
+        self._link.send_pulses(at - time.monotonic(), lengths, self._sequence)
 
     def abort_pulses(self) -> None:
-        self._send(CUT)
+        self._send(ABORT)
 
     def wait_until(self, t: float, on_report: ReportCallback) -> None:
-        self._see = on_report  # the observer also sees how the run ends
+        self._on_report = on_report  # the observer also gets the reports at the end of the run
         while True:
-            self._send(BEAT)
-            left = t - time.monotonic()
-            self._take(min(max(left, 0.0), _BEAT), on_report)
-            self._raise_if_ended()
-            self._raise_if_missing()
-            if time.monotonic() - self._heard > _BOARD_PATIENCE:
+            self._send(KEEPALIVE)
+            remaining = t - time.monotonic()
+            self._take_reports(min(max(remaining, 0.0), _KEEPALIVE_INTERVAL), on_report)
+            self._require_running()
+            self._require_nodes()
+            if time.monotonic() - self._last_report_at > _BOARD_TIMEOUT:
                 raise InterruptedRunError(runs.STOPPED, "the relay board sends no reports any more")
-            if left <= 0:
+            if remaining <= 0:
                 return
 
     def disarm(self) -> None:
         """Everything off, proven, at the end of a run; the board node stays armed."""
-        self._send(END)
-        self._prove_off(self._sent)
+        self._send(END_OF_RUN)
+        self._prove_off(self._sequence)
 
     def stop(self, why: str) -> None:
-        """Everything off, proven. The board node itself latches the stop where it must: when commands stay
-        away, or when the emergency stop is called."""
-        self._send(CUT)
-        cut = self._sent
-        self._send(END)
-        self._prove_off(cut, f"{why}; ")
+        """Everything off, proven. The board node itself latches the stop where it must: when commands fail to
+        arrive, or when the emergency stop is called."""
+        self._send(ABORT)
+        aborted = self._sequence
+        self._send(END_OF_RUN)
+        self._prove_off(aborted, f"{why}; ")
 
     def _is_reported(self) -> bool:
-        """Whether the board node has reported just now."""
-        return self.last is not None and time.monotonic() - self._heard <= _BOARD_PATIENCE
+        """Whether the board node has reported within `_BOARD_TIMEOUT`."""
+        return self.last is not None and time.monotonic() - self._last_report_at <= _BOARD_TIMEOUT
 
     def _send(self, command: int) -> None:
-        self._sent += 1
-        self._link.send_command(command, self._sent)
+        self._sequence += 1
+        self._link.send_command(command, self._sequence)
 
-    def _prove_off(self, number: int, why: str = "") -> None:
-        """Wait for a report that all contacts are open: one read after the board has obeyed the command of
-        that number, or by a board that is disarmed, which cannot close any. The observer sees them all, so
-        that it knows every edge."""
-        deadline = time.monotonic() + _PROVING
+    def _prove_off(self, sequence: int, why: str = "") -> None:
+        """Wait for a report that all contacts are open: one that was read after the board obeyed the command
+        `sequence`, or one of a board that is disarmed, which cannot close any. The observer gets all reports,
+        so that it knows every edge."""
+        deadline = time.monotonic() + _OFF_TIMEOUT
         while time.monotonic() < deadline:
-            self._take(0.1, self._see)
+            self._take_reports(0.1, self._on_report)
             last = self.last
             if last is None or any(last.closed):
                 continue
-            if not last.armed or (last.run == self._run and last.command >= number):
+            if not last.armed or (last.run == self._run and last.sequence >= sequence):
                 return
         raise NotProvenOffError(
             f"{why}the relay board did not report that everything is off",
             remedy="cut the heating supply now",
         )
 
-    def _take(self, patience: float, on_report: ReportCallback) -> None:
-        """Show the reports that have come; wait up to `patience` [s] for the first one."""
+    def _take_reports(self, timeout: float, on_report: ReportCallback) -> None:
+        """Pass the reports that have arrived to `on_report`; wait up to `timeout` [s] for the first one."""
         try:
-            item = self._reports.get(timeout=max(patience, 1e-3))
+            item = self._reports.get(timeout=max(timeout, 1e-3))
             while True:
                 if item is not None:
                     self.last, report = item
-                    self._heard = time.monotonic()
+                    self._last_report_at = time.monotonic()
                     on_report(report)
                 item = self._reports.get_nowait()
         except queue.Empty:
             pass
 
-    def _raise_if_ended(self) -> None:
+    def _require_running(self) -> None:
         if self._stopped():
             raise StoppedError(self._stopped())
         if self._ending is not None:
             raise InterruptedRunError(*self._ending)
 
-    def _raise_if_missing(self) -> None:
+    def _require_nodes(self) -> None:
         missing = self._missing()
         if missing:
             raise InterruptedRunError(runs.STOPPED, "; ".join(missing))

@@ -14,25 +14,24 @@ from eldir.errors import EldirError
 from eldir_hardware.clock import WallClock
 from eldir_hardware.relay.errors import NotProvenOffError
 from eldir_hardware.rig.configuration import Rig
-from eldir_hardware.run.contact_edges import ContactEdge, ContactEdges
-from eldir_hardware.run.player import Player
-from eldir_hardware.safety.schedule_digests import require_made_for
+from eldir_hardware.run.player import ContactEdge, ContactEdges, Player
+from eldir_hardware.safety.compatibility import require_compatible
 from eldir_hardware.schedule import ActuationSchedule
 from eldir_ros.conversions import runs
 from eldir_ros.remote.remote_bank import RemoteBank
 
 
 @dataclass(frozen=True)
-class Order:
-    """What a goal asks for."""
+class RunRequest:
+    """The request of a goal."""
 
     schedule: Callable[[], ActuationSchedule]
-    """Reads the schedule; raises `InputError` where it is none."""
+    """Reads the schedule; raises `InputError` for an invalid one."""
     client: str
-    """Who sends the heartbeats without which nothing heats."""
+    """Name of the client that sends heartbeats; without them nothing heats."""
     lead: float
     """The schedule starts at the earliest this long after the goal [s]."""
-    accept: str = ""
+    accept_mismatch: str = ""
     """Reason for playing a schedule that was not made for this rig."""
 
 
@@ -61,7 +60,7 @@ class RunResult:
     message: str
     """One line: why it ended."""
     start_ns: int
-    """Start of the schedule [ns]; 0 where it was refused."""
+    """Start of the schedule [ns]; 0 if it was refused."""
     duration: float
     """Duration of the run [s]; 0 if it was refused."""
     hottest: float
@@ -73,7 +72,7 @@ class RunResult:
     """Whether every contact was open by the board's report."""
 
 
-class Listener(Protocol):
+class RunListener(Protocol):
     """Receives the progress of a run."""
 
     def on_state(self, state: int, start_ns: int, message: str, schedule: ActuationSchedule) -> None:
@@ -86,28 +85,28 @@ class Listener(Protocol):
         """A line for the log."""
 
 
-_LONGEST = 300  # message about a fault of this program [characters]
+_MAX_MESSAGE = 300  # about a bug of this program [characters]
 
 
 class ScheduleRun:
     """Plays one schedule on a bank of springs behind messages. Use from one thread."""
 
-    def __init__(self, bank: RemoteBank, listener: Listener, now_ns: Callable[[], int]):
+    def __init__(self, bank: RemoteBank, listener: RunListener, now_ns: Callable[[], int]):
         """`now_ns` is the time of day of every stamp [ns]."""
         self._bank, self._listener, self._now_ns = bank, listener, now_ns
         self._edges = ContactEdges()
         self._schedule: ActuationSchedule | None = None
 
-    def play(self, order: Order, rig: Rig | None, stopped: str = "") -> RunResult:
+    def play(self, request: RunRequest, rig: Rig | None, stopped: str = "") -> RunResult:
         """Play a schedule. Never raises: the result says what went wrong, and everything is off.
 
-        `rig` is None where the sequencer is not active, `stopped` says why an emergency stop is latched;
-        both refuse the run.
+        `rig` is None if the sequencer is not active; `stopped`: why an emergency stop is latched. Both refuse
+        the run.
         """
-        start_ns, begun, proven = 0, 0.0, True
+        start_ns, start_t, proven = 0, 0.0, True
         clock = WallClock()
         try:
-            if not order.client:
+            if not request.client:
                 raise EldirError(
                     "the goal names no client",
                     expected="the name with which the client sends heartbeats on run_schedule/alive",
@@ -117,26 +116,26 @@ class ScheduleRun:
                 raise EldirError("the sequencer is not active", remedy="activate it")
             if stopped:
                 raise EldirError(f"the emergency stop is latched: {stopped}", remedy="reset it")
-            self._schedule = schedule = order.schedule()
+            self._schedule = schedule = request.schedule()
             player = Player(self._bank, schedule, rig, clock, [self])
-            if accepted := require_made_for(schedule, rig, None, order.accept):
+            if accepted := require_compatible(schedule, rig, None, request.accept_mismatch):
                 self._listener.on_message(f"the schedule was {accepted}")
             duration = schedule.duration
 
-            def ready(start: float) -> None:
-                nonlocal start_ns, begun
-                begun = start
+            def on_ready(start: float) -> None:
+                nonlocal start_ns, start_t
+                start_t = start
                 start_ns = self._now_ns() + round(1e9 * (start - clock.now()))
                 self._listener.on_state(runs.RUNNING, start_ns, "", schedule)
                 self._listener.on_message(f"{duration:.1f} s")
 
-            player.play(clock.now() + order.lead, ready)
+            player.play(clock.now() + request.lead, on_ready)
             outcome, message = runs.FINISHED, "played to the end"
         except EldirError as error:
             outcome = getattr(error, "outcome", runs.STOPPED)
             message, proven = str(error), not isinstance(error, NotProvenOffError)
         except Exception as error:  # the bank has switched everything off by now
-            outcome, message = runs.STOPPED, f"{type(error).__name__}: {error}"[:_LONGEST]
+            outcome, message = runs.STOPPED, f"{type(error).__name__}: {error}"[:_MAX_MESSAGE]
             proven = not start_ns or (self._bank.last is not None and not any(self._bank.last.closed))
         if outcome == runs.STOPPED and not start_ns:
             outcome = runs.REFUSED
@@ -149,7 +148,7 @@ class ScheduleRun:
             outcome,
             message,
             start_ns,
-            clock.now() - begun if start_ns else 0.0,
+            clock.now() - start_t if start_ns else 0.0,
             0.0 if last is None else last.hottest,
             0.0 if last is None else last.latest,
             tuple(self._edges.found),

@@ -17,8 +17,7 @@ from eldir.controller import Controller
 from eldir.engine.compiler import ti
 from eldir.engine.device import kernels as device
 from eldir.engine.device import run as host
-from eldir.engine.device.block import ASCENDING, DESCENDING
-from eldir.engine.device.records import DeviceLaunch, Task
+from eldir.engine.device.records import ASCENDING, DESCENDING, DeviceLaunch, DeviceTask
 from eldir.learning import initial_controllers
 from eldir.morphology import Morphology
 from eldir.scene import Scene
@@ -42,7 +41,7 @@ class Case(NamedTuple):
             return robots(SMALL, 1, 5, self.scene)
         return [without_motors()], initial_controllers([without_motors()], self.scene, 1)
 
-    def task(self) -> Task:
+    def task(self) -> DeviceTask:
         return make_task(*self.robots(), self.scene, self.updates, SPAN)
 
 
@@ -129,7 +128,7 @@ class Player:
                 compute(at, 0, THREADS)
                 at += 1
 
-    def compute(self, task: Task, order: int = ASCENDING, without: Barrier | None = None) -> np.ndarray:
+    def compute(self, task: DeviceTask, order: int = ASCENDING, without: Barrier | None = None) -> np.ndarray:
         """Losses, and gradients or best weights."""
         self.order, self.without = order, without
 
@@ -138,19 +137,19 @@ class Player:
 
         played = device.Kernels(*(play(name) for name in device.Kernels._fields))
         with patch.object(host, "kernels", lambda *_: played):
-            outcome = host.run(task, host.in_numpy(self.order))
+            outcome = host.run(task, host.numpy_memory(self.order))
         return np.concatenate([outcome.losses.ravel(), outcome.best])
 
 
 NOT_NEEDED = {
-    Barrier("forward", "begin", "sense"),
-    Barrier("forward", "advance", "sense"),
-    Barrier("forward", "advance", "leave"),
-    Barrier("reverse", "add_sensed", "land"),
-    Barrier("reverse", "add_sensed", "leave"),
-    Barrier("reverse", "activate", "land"),
-    Barrier("reverse", "activate", "leave"),
-    Barrier("update", "add_inputs", "add_motors"),
+    Barrier("forward", "initialize", "sense"),
+    Barrier("forward", "advance_masses", "sense"),
+    Barrier("forward", "advance_masses", "save_state"),
+    Barrier("reverse", "add_sensed_gradients", "advance_masses_adjoint"),
+    Barrier("reverse", "add_sensed_gradients", "save_gradients"),
+    Barrier("reverse", "hidden_deltas", "advance_masses_adjoint"),
+    Barrier("reverse", "hidden_deltas", "save_gradients"),
+    Barrier("update", "input_weight_gradients", "motor_weight_gradients"),
 }
 """Barriers that make no difference: around them each thread needs its own numbers alone."""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from eldir.engine.batch import run_batch
+from eldir.engine.batch import BatchConfig, run_batch
 from tests.eldir.engine.device.barriers import CASES, NOT_NEEDED, ORDERS, Barrier, Player, lose_each
 from tests.eldir.engine.device.device_learning import LENGTH, on_processor
 
@@ -31,7 +31,9 @@ def test_played_phase_by_phase_robots_learn_as_on_the_cpu() -> None:
         player = Player()
         for case in CASES.values():
             wanted = run_batch(
-                *case.robots(), case.scene, backward=True, iterations=case.updates, update_length=LENGTH
+                *case.robots(),
+                case.scene,
+                config=BatchConfig(backward=True, iterations=case.updates, update_length=LENGTH),
             )
             whole = np.concatenate([wanted.losses.ravel(), wanted.best])
             for order in ORDERS.values():

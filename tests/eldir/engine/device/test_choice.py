@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from benchmarks.assembly import compile_stub
-from eldir.engine.batch import run_batch
+from eldir.engine.batch import BatchConfig, run_batch
 from eldir.engine.device import process
 from eldir.engine.device.process import chosen_device, cuda_devices, learns_on_device
 from eldir.engine.shortcuts import Shortcuts
@@ -35,7 +35,7 @@ def test_other_names_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize(
     ("how", "word"),
     [
-        ({"physical": True}, "gradients of physics"),
+        ({"physics_gradients": True}, "gradients of physics"),
         ({"record": True}, "states"),
         ({"shortcuts": Shortcuts(stop=False)}, "shortcuts"),
     ],
@@ -45,7 +45,7 @@ def test_what_no_device_computes_is_refused(
 ) -> None:
     monkeypatch.setenv("ELDIR_DEVICE", "cuda")
     with raises(InputError, "device.not-yet", match=f"cuda does not compute .*{word}.* yet"):
-        run_batch(*robots(Lattice(4, 7), 1, 0, PAPER), PAPER, backward=True, **how)
+        run_batch(*robots(Lattice(4, 7), 1, 0, PAPER), PAPER, config=BatchConfig(backward=True, **how))
 
 
 def test_auto_computes_it_on_the_processor_and_says_so_once(
@@ -53,7 +53,7 @@ def test_auto_computes_it_on_the_processor_and_says_so_once(
 ) -> None:
     monkeypatch.setenv("ELDIR_DEVICE", "auto")
     monkeypatch.setattr(process, "cuda_devices", lambda: 1)
-    process._tell_once.cache_clear()
+    process.warn_once.cache_clear()
     assert learns_on_device()
     for _ in range(2):
         assert not learns_on_device(other_gradients=True)
@@ -68,10 +68,10 @@ def test_without_a_gpu_cuda_is_refused_and_auto_learns_on_the_processor(
     monkeypatch.setenv("ELDIR_DEVICE", "cuda")
     batch = robots(Lattice(4, 7), 1, 0, PAPER)
     with raises(MissingDependencyError, "device.missing", match="no CUDA device"):
-        run_batch(*batch, PAPER, backward=True)
+        run_batch(*batch, PAPER, config=BatchConfig(backward=True))
     monkeypatch.setenv("ELDIR_DEVICE", "auto")
     assert chosen_device() == "cpu"
-    assert run_batch(*batch, PAPER, backward=True).status.tolist() == [-1]
+    assert run_batch(*batch, PAPER, config=BatchConfig(backward=True)).status.tolist() == [-1]
 
 
 def test_the_run_file_says_where_robots_learn_and_resuming_elsewhere_warns(
@@ -91,5 +91,5 @@ def test_drivers_are_asked_for_their_devices(tmp_path: Path, monkeypatch: pytest
     import ctypes
 
     compile_stub(tmp_path)
-    monkeypatch.setattr(process, "_driver", lambda: ctypes.CDLL(str(tmp_path / "libcuda.so")))
+    monkeypatch.setattr(process, "cuda_driver", lambda: ctypes.CDLL(str(tmp_path / "libcuda.so")))
     assert cuda_devices.__wrapped__() == 1

@@ -38,6 +38,7 @@ def assembled(*launches: assembly.Launch, architecture: int) -> list[assembly.As
     return assembly.assemble(launches, architecture)
 
 
+@pytest.mark.compiler
 @pytest.mark.parametrize("architecture", assembly.ARCHITECTURES)
 def test_no_spills_and_two_blocks_or_more(launches: list[assembly.Launch], architecture: int) -> None:
     kernels = assembled(*launches, architecture=architecture)
@@ -56,10 +57,11 @@ def test_no_spills_and_two_blocks_or_more(launches: list[assembly.Launch], archi
 
 def phases_of(module: ModuleType, kernel: str) -> int:
     """Number of phases in the source."""
-    (body,) = re.findall(rf"    def {kernel}\(own, .*?\n\n", inspect.getsource(module), re.DOTALL)
+    (body,) = re.findall(rf"\ndef {kernel}\(thread, .*?(?:\n\n|$)", inspect.getsource(module), re.DOTALL)
     return body.count("phase(")
 
 
+@pytest.mark.compiler
 def test_each_phase_has_one_barrier(launches: list[assembly.Launch]) -> None:
     """Compilers may copy a barrier into two branches, and then threads of one warp wait at different ones for
     ever: so it went on an H100, where LLVM had split a critical edge of the flow."""

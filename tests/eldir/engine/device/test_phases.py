@@ -8,14 +8,13 @@ import numpy as np
 import pytest
 
 from eldir.controller import Controller
-from eldir.engine.batch import BatchResult, run_batch
+from eldir.engine.batch import BatchConfig, BatchResult, run_batch
 from eldir.engine.compiler import NAME
-from eldir.engine.device.block import ASCENDING, DESCENDING
-from eldir.engine.device.records import Outcome, Task
-from eldir.engine.device.run import in_numpy, run
+from eldir.engine.device.records import ASCENDING, DESCENDING, DeviceResult, DeviceTask
+from eldir.engine.device.run import numpy_memory, run
 from eldir.engine.kernels.contact import NO_SLIP
 from eldir.engine.shortcuts import Shortcuts
-from eldir.evolution.search import scene_on
+from eldir.evolution.search import make_scene
 from eldir.learning import initial_controllers
 from eldir.morphology import Morphology
 from eldir.physics import Physics
@@ -48,8 +47,8 @@ def _processor() -> Iterator[None]:
         yield
 
 
-def compute(task: Task, order: int = DESCENDING, **memory: int) -> Outcome:
-    return run(task, in_numpy(order, **memory))
+def compute(task: DeviceTask, order: int = DESCENDING, **memory: int) -> DeviceResult:
+    return run(task, numpy_memory(order, **memory))
 
 
 @pytest.fixture(scope="module")
@@ -68,8 +67,10 @@ def reference(
     physics: list[Physics] | None = None,
 ) -> BatchResult:  # fmt: skip
     return run_batch(
-        bodies, brains, scene, physics, backward=True, iterations=iterations, update_length=LENGTH,
-        shortcuts=Shortcuts(no_contact=False),
+        bodies, brains, scene, physics,
+        config=BatchConfig(
+            backward=True, iterations=iterations, update_length=LENGTH, shortcuts=Shortcuts(no_contact=False)
+        ),
     )  # fmt: skip
 
 
@@ -78,7 +79,7 @@ def of_robots(best: np.ndarray, result: BatchResult) -> list[np.ndarray]:
     return np.split(best, result.batch.weight_at[1:-1])
 
 
-def assert_same(found: Outcome, wanted: BatchResult, loss: float = 1e-12, weights: float = 1e-9) -> None:
+def assert_same(found: DeviceResult, wanted: BatchResult, loss: float = 1e-12, weights: float = 1e-9) -> None:
     """Losses [m]; gradients or best weights relative to their length, robot by robot."""
     assert found.status.tolist() == wanted.status.tolist()
     np.testing.assert_allclose(found.losses, wanted.losses, rtol=0, atol=loss)
@@ -164,9 +165,11 @@ def test_scenes_and_bodies(name: str, physics: bool) -> None:
 
 GROUNDS = {
     "flat": PAPER.replace(contact="friction"),
-    "rugged": scene_on("level", 1).replace(steps=STEPS, precision="f64"),
-    "rising, windows": scene_on("incline", 2).replace(steps=STEPS, precision="f64", window=25),
-    "as released": scene_on("decline", 3).replace(steps=STEPS, precision="f64", contact="friction-released"),
+    "rugged": make_scene("level", 1).replace(steps=STEPS, precision="f64"),
+    "rising, windows": make_scene("incline", 2).replace(steps=STEPS, precision="f64", window=25),
+    "as released": make_scene("decline", 3).replace(
+        steps=STEPS, precision="f64", contact="friction-released"
+    ),
 }
 
 
@@ -180,7 +183,11 @@ def test_friction_on_any_ground(name: str, order: int) -> None:
     owns = [own.replace(friction=rng.uniform(0.2, 1.5)) for own in apart(bodies, scene)]
     for iterations, span in ((0, None), (2, 25)):
         wanted = run_batch(
-            bodies, brains, scene, owns, backward=True, iterations=iterations, update_length=LENGTH
+            bodies,
+            brains,
+            scene,
+            owns,
+            config=BatchConfig(backward=True, iterations=iterations, update_length=LENGTH),
         )
         assert np.abs(wanted.losses[2:]).min() > 1e-4
         assert_same(compute(make_task(bodies, brains, scene, iterations, span, owns), order), wanted)
@@ -196,7 +203,11 @@ def test_positions_half_a_step_ahead(name: str, order: int) -> None:
     owns = apart(bodies, scene)
     for iterations, span in ((0, None), (2, 25)):
         wanted = run_batch(
-            bodies, brains, scene, owns, backward=True, iterations=iterations, update_length=LENGTH
+            bodies,
+            brains,
+            scene,
+            owns,
+            config=BatchConfig(backward=True, iterations=iterations, update_length=LENGTH),
         )
         assert_same(compute(make_task(bodies, brains, scene, iterations, span, owns), order), wanted)
 
@@ -254,7 +265,7 @@ def test_a_robot_has_the_same_bytes_in_any_company(group: Robots, caplog: pytest
         some = [bodies[k] for k in chosen], [brains[k] for k in chosen]
         task = make_task(*some, PAPER, 1, 25)
         found = compute(task, **memory)
-        best = np.split(found.best, task.at[1:, -1])
+        best = np.split(found.best, task.offsets[1:, -1])
         return [found.losses[k].tobytes() + best[k].tobytes() for k in range(len(chosen))]
 
     together = computed([*range(n)])

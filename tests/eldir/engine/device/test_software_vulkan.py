@@ -12,7 +12,7 @@ from benchmarks.assembly import call
 from eldir.controller import Controller
 from eldir.core.kernels import compiler_name
 from eldir.core.records import FloatArray
-from eldir.engine.batch import run_batch
+from eldir.engine.batch import BatchConfig, run_batch
 from eldir.engine.device import process
 from eldir.errors import EldirError
 from eldir.lattice import Lattice
@@ -30,6 +30,7 @@ def on_device(driver: str, folder: Path, function: str, *arguments: object) -> l
     return call(place, *arguments, arch="vulkan", compiler=compiler_name(), environment=environment)
 
 
+@pytest.mark.compiler
 @pytest.mark.parametrize(
     ("driver", "precision", "rounds"),
     [
@@ -71,8 +72,8 @@ def vulkan(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
         monkeypatch.setenv(name, value)
     monkeypatch.setenv("ELDIR_DEVICE", "vulkan")
     yield
-    process._workers("vulkan")._end([0])
-    process._workers.cache_clear()
+    process.device_workers("vulkan").stop([0])
+    process.device_workers.cache_clear()
 
 
 @pytest.mark.slow
@@ -84,13 +85,15 @@ def test_a_worker_learns_on_a_device_as_this_process_on_the_processor(
     scene = some_scene("f64", 25)
     batch = robots(Lattice(5, 9), 3, SEED, scene)
     task = make_task(*batch, scene, 2, 10)
-    found = [run_batch(*batch, scene, backward=True) for _ in range(2)]
+    found = [run_batch(*batch, scene, config=BatchConfig(backward=True)) for _ in range(2)]
     assert found[0].losses.tobytes() == found[1].losses.tobytes()
     assert found[0].best.tobytes() == found[1].best.tobytes()
     trained = process.compute(task)
     monkeypatch.setenv("ELDIR_DEVICE", "cpu")
     for there, iterations in ((found[0], 0), (trained, 2)):
-        wanted = run_batch(*batch, scene, backward=True, iterations=iterations, update_length=LENGTH)
+        wanted = run_batch(
+            *batch, scene, config=BatchConfig(backward=True, iterations=iterations, update_length=LENGTH)
+        )
         assert there.status.tolist() == wanted.status.tolist() == [-1] * 3
         np.testing.assert_allclose(there.losses, wanted.losses, rtol=0, atol=1e-12)
         at = wanted.batch.weight_at
@@ -108,7 +111,7 @@ def test_learning_in_float32_rounds_as_the_cpu_does(tmp_path: Path) -> None:
         "swiftshader", tmp_path, "device_learning:learn", "f32", steps, count, 0, steps, SEED, PAPER
     )
     assert status == [-1] * count
-    exact = run_batch(bodies, brains, some_scene("f64", steps), backward=True)
+    exact = run_batch(bodies, brains, some_scene("f64", steps), config=BatchConfig(backward=True))
     at = exact.batch.weight_at
     slopes = of_robots(exact.best, at)
 
@@ -121,7 +124,7 @@ def test_learning_in_float32_rounds_as_the_cpu_does(tmp_path: Path) -> None:
     own = []
     for k in range(8):
         near = [rounded(brain, rng) if k else brain for brain in brains]
-        result = run_batch(bodies, near, some_scene("f32", steps), backward=True)
+        result = run_batch(bodies, near, some_scene("f32", steps), config=BatchConfig(backward=True))
         own.append(errors(result.losses, result.best))
     device = errors(np.array(losses), np.array(best))
     assert (device > 3 * np.max(own, axis=0)).sum() <= 1

@@ -16,10 +16,10 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from eldir.built.samples import NominalRobots, sampled_walks
+from eldir.built.samples import NominalRobots, sample_walks
 from eldir.evolution.printed.configuration import PrintedEvolutionConfig
 from eldir.evolution.printed.search import Candidate, PrintedSearch
-from eldir_hardware.planning.workshop import workshop
+from eldir_hardware.planning.workshop import make_workshop
 
 GENERATIONS = 10
 _FRESH, _SEED = 16, 77
@@ -33,7 +33,7 @@ class RandomRobots(PrintedSearch):
     """Random robots in every generation, as in the first one."""
 
     def _offspring(self, rng: np.random.Generator) -> list[Candidate]:
-        return self._progenitors(rng)
+        return self.progenitors(rng)
 
 
 def curve(search: PrintedSearch, seconds: float) -> Curve:
@@ -55,7 +55,7 @@ def fresh(search: PrintedSearch, count: int) -> str:
         body = walker.genome.body(search.config.lattice)
         hubs = replace(search.config.nominal, printed=search.config.printed.with_hubs())
         robots = NominalRobots(body, hubs)
-        (walks,) = sampled_walks(robots, [walker.genome.gait(body, search.config.timings)], _FRESH, _SEED)
+        (walks,) = sample_walks(robots, [walker.genome.gait(body, search.config.timings)], _FRESH, _SEED)
         fell = round(walks.fallen * _FRESH)
         told.append(f"{walks.expected:+.2f} +- {walks.error:.2f}{f' ({fell} fell)' * bool(fell)}")
     return ", ".join(told)
@@ -90,7 +90,7 @@ def drawn(curves: Mapping[tuple[str, int], Curve]) -> Figure:
 
 
 def main(picture: Path, seeds: list[int]) -> None:
-    given = workshop()
+    given = make_workshop()
     curves: dict[tuple[str, int], Curve] = {}
     for seed in seeds:
         config = PrintedEvolutionConfig(
@@ -99,8 +99,8 @@ def main(picture: Path, seeds: list[int]) -> None:
         )  # fmt: skip
         seconds = np.inf  # evolution goes to its end, random robots as long
         for kind, search in (
-            ("evolution", PrintedSearch(config, given.refused)),
-            ("random", RandomRobots(config, given.refused)),
+            ("evolution", PrintedSearch(config, given.rejection_reason)),
+            ("random", RandomRobots(config, given.rejection_reason)),
         ):
             print(f"seed {seed}, {kind}")
             curves[kind, seed] = curve(search, seconds)

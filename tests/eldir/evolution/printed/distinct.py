@@ -11,12 +11,12 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-from eldir.built.samples import NominalRobots, sampled_walks
+from eldir.built.samples import NominalRobots, sample_walks
 from eldir.evolution import tables
 from eldir.evolution.printed.genome import PrintedGenome
 from eldir.evolution.printed.run_folder import PrintedRun
 from eldir.morphology import Morphology
-from eldir_cad.shortlist.ranking import shared_springs
+from eldir_cad.shortlist.ranking import spring_overlap
 from tests.eldir.evolution.printed.baseline import _FRESH, _SEED
 
 _MOST, _ASKED = 40, 1.2
@@ -25,7 +25,7 @@ _MOST, _ASKED = 40, 1.2
 def main(path: Path, most_shared: float) -> None:
     run = PrintedRun.open(path)
     looked: list[tuple[float, PrintedGenome]] = []
-    for generation in range(run.whole_generations()[-1][0] + 1):
+    for generation in range(run.complete_generations()[-1][0] + 1):
         table = tables.read(run.generation_file(generation))
         for genome, walks in zip(run._genomes(table), tables.rows(table, "walks"), strict=True):
             if len(walks) and walks.mean() > _ASKED:
@@ -37,11 +37,11 @@ def main(path: Path, most_shared: float) -> None:
     hubs = replace(run.config.nominal, printed=run.config.printed.with_hubs())
     for first, genome in looked:
         body = genome.body(run.config.lattice)
-        if len(kept) == _MOST or any(shared_springs(body, other) > most_shared for other in kept):
+        if len(kept) == _MOST or any(spring_overlap(body, other) > most_shared for other in kept):
             continue
         kept.append(body)
         robots = NominalRobots(body, hubs)
-        (walks,) = sampled_walks(robots, [genome.gait(body, run.config.timings)], _FRESH, _SEED)
+        (walks,) = sample_walks(robots, [genome.gait(body, run.config.timings)], _FRESH, _SEED)
         walked = abs(walks.expected)  # who walks backwards was looked at as its mirror image
         good += walked > _ASKED
         fresh = f"{walked:+.2f} +- {walks.error:.2f}, {round(walks.fallen * _FRESH)} fell"

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from eldir.evolution.printed.configuration import PrintedEvolutionConfig
-from eldir.evolution.printed.genome import PrintedGenome
-from eldir.evolution.printed.variation import random_genomes
+from eldir.evolution.printed.genome import PrintedGenome, random_genomes
 from eldir.lattice import Lattice
 from eldir.morphology import Morphology
 

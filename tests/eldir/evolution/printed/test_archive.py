@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eldir.core.records import FloatArray
-from eldir.evolution.printed.archive import Archive, Niche, Walker, niche_of
-from eldir.evolution.printed.search import Evaluation, PrintedSearch, _most_promising
+from eldir.evolution.printed.archive import Archive, Niche, Walker, find_niche
+from eldir.evolution.printed.search import Evaluation, PrintedSearch, most_promising
 from eldir.evolution.printed.trials import Trial
 from eldir.genotype import Genotype
 from eldir.lattice import Lattice
@@ -32,17 +32,17 @@ def walker(number: int, walks: list[float], niche: Niche = KIND) -> Walker:
 
 def at_home(one: Walker) -> Walker:
     """The walker in the niche of its own body."""
-    return replace(one, niche=niche_of(one.genome.body(LATTICE)))
+    return replace(one, niche=find_niche(one.genome.body(LATTICE)))
 
 
 def test_worth_is_the_mean_less_half_a_standard_deviation() -> None:
     one = walker(1, [1.0, 2.0, 3.0, 0.0])
     sd = np.sqrt(((np.array([1.0, 2.0, 3.0, 0.0]) - 1.5) ** 2).sum() / 3)
     assert (one.expected, one.error) == (1.5, pytest.approx(sd / 2))
-    assert one.worth == pytest.approx(1.5 - 0.5 * sd)
-    assert one.worth < walker(4, [1.4, 1.5, 1.6, 1.3]).worth, "a robot that falls is worth less than its mean"
-    assert walker(2, [2.0]).worth == -np.inf, "one sample says nothing about its scatter"
-    assert walker(3, []).worth == -np.inf
+    assert one.fitness == pytest.approx(1.5 - 0.5 * sd)
+    assert one.fitness < walker(4, [1.4, 1.5, 1.6, 1.3]).fitness, "a fall lowers the fitness"
+    assert walker(2, [2.0]).fitness == -np.inf, "one sample says nothing about its scatter"
+    assert walker(3, []).fitness == -np.inf
     assert one.with_walks(np.array([4.0])).walks.tolist() == [1.0, 2.0, 3.0, 0.0, 4.0]
 
 
@@ -59,9 +59,9 @@ def test_offers_leave_the_best_that_is_known_as_well(
         if before is None:
             assert admitted
         else:
-            assert admitted == (offered.worth > before.worth and len(walks) >= len(before.walks))
-            assert len(after.walks) >= len(before.walks) and after.worth >= before.worth
-    ranked = [w.worth for w in archive.ranked()]
+            assert admitted == (offered.fitness > before.fitness and len(walks) >= len(before.walks))
+            assert len(after.walks) >= len(before.walks) and after.fitness >= before.fitness
+    ranked = [w.fitness for w in archive.ranked()]
     assert ranked == sorted(ranked, reverse=True)
     assert archive.incumbent(Niche(9, 9, 9, 9)) == -np.inf
 
@@ -80,7 +80,7 @@ def test_a_lucky_first_look_does_not_displace_what_many_samples_have_shown(
         return np.full((len(trials), 8), later)
 
     search = PrintedSearch(SMALL, archive=Archive({elite.niche: elite}), evaluate=evaluate)
-    assert search._admitted([newcomer]) == displaces
+    assert search.admit([newcomer]) == displaces
     inside = search.archive.elites[elite.niche]
     assert (inside.number, len(inside.walks)) == (2 if displaces else 1, 32)
     assert asked == ([8, 16, 24] if displaces else [8, 16]), "no longer than it may still be better"
@@ -91,7 +91,7 @@ def test_newcomers_of_one_kind_are_compared_with_each_other_too() -> None:
     elite = at_home(walker(1, [1.0, 1.1] * 4))
     best, second = at_home(walker(2, [1.8, 1.9] * 4)), at_home(walker(3, [1.5, 1.6] * 4))
     search = PrintedSearch(SMALL, archive=Archive({elite.niche: elite}))
-    assert search._admitted([best, second]) == 1
+    assert search.admit([best, second]) == 1
     assert search.archive.elites[elite.niche].number == 2
 
 
@@ -99,10 +99,10 @@ def test_half_of_the_looks_go_to_the_farthest_that_beat_their_elites() -> None:
     """Robots 0 and 1 walk far but not as far as their elites; 3 to 5 are of new kinds."""
     walks = np.array([2.5, 2.2, 2.1, 1.2, 0.9, 0.8, 2.0])
     elites = np.array([2.6, 2.3, 1.9, 0.0, 0.0, 0.0, 1.7])
-    assert _most_promising(walks, elites, 4, 2) == [2, 6, 3, 4]
-    assert _most_promising(walks, elites, 4, 0) == [3, 4, 5, 6]
-    assert _most_promising(walks, np.full(7, 9.0), 2, 2) == [0, 1], "none beats its elite"
-    assert sorted(_most_promising(walks, elites, 9, 4)) == list(range(7))
+    assert most_promising(walks, elites, 4, 2) == [2, 6, 3, 4]
+    assert most_promising(walks, elites, 4, 0) == [3, 4, 5, 6]
+    assert most_promising(walks, np.full(7, 9.0), 2, 2) == [0, 1], "none beats its elite"
+    assert sorted(most_promising(walks, elites, 9, 4)) == list(range(7))
 
 
 def test_an_elite_that_disappoints_loses_its_rank_but_not_what_is_known() -> None:
@@ -114,7 +114,7 @@ def test_an_elite_that_disappoints_loses_its_rank_but_not_what_is_known() -> Non
     assert [w.number for w in archive.ranked()] == [2, 1]
     assert archive.ranked()[1].walks.tolist() == [2.0, 2.0, 0.0, 0.0]
     archive.update(walker(7, [9.0, 9.0], Niche(2, 2, 1, 2)))
-    assert archive.incumbent(Niche(2, 2, 1, 2)) == steady.worth, "only the elite itself is updated"
+    assert archive.incumbent(Niche(2, 2, 1, 2)) == steady.fitness, "only the elite itself is updated"
 
 
 def test_kinds_are_rows_length_masses_and_motors_at_the_ground() -> None:
@@ -128,6 +128,6 @@ def test_kinds_are_rows_length_masses_and_motors_at_the_ground() -> None:
     top = np.flatnonzero(~low.any(axis=1) & expressed)
     springs[[base[0], top[0]]] = True
     body = develop(lattice, Genotype(triangles, springs))
-    assert niche_of(body) == (1, round(body.body_length / 0.05), len(body.positions), 1)
+    assert find_niche(body) == (1, round(body.body_length / 0.05), len(body.positions), 1)
     springs[base[1]] = True
-    assert niche_of(develop(lattice, Genotype(triangles, springs))).grounded == 2
+    assert find_niche(develop(lattice, Genotype(triangles, springs))).grounded == 2

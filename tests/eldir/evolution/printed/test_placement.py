@@ -10,9 +10,7 @@ from hypothesis import strategies as st
 from eldir.built.gait import Gait, free_lengths
 from eldir.built.motion import drive
 from eldir.built.robot import build
-from eldir.evolution.printed.genome import motors_of
-from eldir.evolution.printed.placement import mirrored, moved
-from eldir.evolution.printed.variation import random_genomes
+from eldir.evolution.printed.genome import mirror_genome, motor_springs, random_genomes, shift_genome
 from eldir.lattice import Lattice
 from tests.eldir.evolution.printed.small_searches import SMALL, edges, genomes
 
@@ -23,11 +21,11 @@ SHIFTS = st.integers(-3, 3)
 @given(lattice=LATTICES, seed=st.integers(0, 999))
 def test_a_mirror_image_has_all_springs_on_the_other_side(lattice: Lattice, seed: int) -> None:
     (genome,) = random_genomes(lattice, 1, np.random.default_rng(seed), 2, 1)
-    image = mirrored(lattice, genome)
+    image = mirror_genome(lattice, genome)
     body = genome.body(lattice)
     if image is not genome:
         assert edges(image.body(lattice)) == edges(body, -1.0)
-        again = mirrored(lattice, image)
+        again = mirror_genome(lattice, image)
         assert edges(again.body(lattice)) == edges(body)
     else:
         assert body.body_length > 0.9 * lattice.columns * 0.025, "only a body without room has no image"
@@ -36,7 +34,7 @@ def test_a_mirror_image_has_all_springs_on_the_other_side(lattice: Lattice, seed
 @given(lattice=LATTICES, seed=st.integers(0, 999), right=SHIFTS, up=SHIFTS)
 def test_a_shifted_body_is_the_same_one_elsewhere(lattice: Lattice, seed: int, right: int, up: int) -> None:
     (genome,) = random_genomes(lattice, 1, np.random.default_rng(seed), 2, 1)
-    elsewhere = moved(lattice, genome, right, up)
+    elsewhere = shift_genome(lattice, genome, right, up)
     if (right + up) % 2:
         assert elsewhere is None, "triangles would stand on their heads"
     elif elsewhere is not None:
@@ -51,20 +49,20 @@ def test_a_shifted_body_is_the_same_one_elsewhere(lattice: Lattice, seed: int, r
 
 def test_what_leaves_the_lattice_is_not_moved() -> None:
     genome = genomes(1)[0]
-    assert moved(SMALL.lattice, genome, 0, 0) == genome
-    assert moved(SMALL.lattice, genome, 20, 0) is None
+    assert shift_genome(SMALL.lattice, genome, 0, 0) == genome
+    assert shift_genome(SMALL.lattice, genome, 20, 0) is None
 
 
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_mirror_image_walks_the_other_way(seed: int) -> None:
     """Independent of the code that mirrors: the engine moves both, with the same gait of each motor."""
     genome = genomes(3, seed)[2]
-    image = mirrored(SMALL.lattice, genome)
+    image = mirror_genome(SMALL.lattice, genome)
     moved_to = []
     for one in (genome, image):
         body = one.body(SMALL.lattice)
         robot = build(body)
-        phases = one.phases[motors_of(body)]  # of both bodies the same motor begins
+        phases = one.phases[motor_springs(body)]  # of both bodies the same motor begins
         gait = Gait(20.0, phases, np.full(len(phases), 0.3))
         table = free_lengths(gait, SMALL.springs, cycles=1, conditioning=0)
         (motion,) = drive([robot], [table.lengths[:161]], table.interval, every=160)

@@ -19,22 +19,27 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from eldir.built.gait import gait_of
-from eldir.built.robot import build
-from eldir.built.samples import NominalRobots, sampled_walks
-from eldir.built.statics import height_over_base, shape_fault
+from eldir.built.gait import read_gait
+from eldir.built.robot import build, find_shape_fault, height_over_base
+from eldir.built.samples import NominalRobots, sample_walks
 from eldir.core.records import FloatArray
 from eldir.errors import EldirError, InputError
 from eldir.evolution import designs as designs_of_runs
 from eldir.evolution import load_run
-from eldir.evolution.printed import figures
+from eldir.evolution.printed.analysis import archive_figure
 from eldir.evolution.printed.archive import Niche
 from eldir.evolution.printed.configuration import PrintedEvolutionConfig
-from eldir.evolution.printed.loop import evolve_printed
-from eldir.evolution.printed.run_folder import PrintedRun
+from eldir.evolution.printed.run_folder import PrintedRun, evolve_printed, progress_line, read_status
 from eldir.evolution.printed.search import Candidate, Evaluation, PrintedSearch
-from eldir.evolution.printed.status import progress_line, status_of
-from eldir.evolution.printed.trials import FRESH, LANES, Trial, decided, looked_at, on_slopes, screened
+from eldir.evolution.printed.trials import (
+    FRESH,
+    LANES,
+    Trial,
+    compare_gaits,
+    evaluate_walks,
+    screen_gaits,
+    walk_on_slopes,
+)
 from eldir.lattice import Lattice
 from eldir.learning import learn
 from eldir.morphology import Morphology
@@ -49,7 +54,7 @@ from tests.paths import SCHEMAS
 from tests.phone_screen import BROWSER, measured
 from tests.raised import raises
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.slow(50)
 
 TINY = [
     "--objective",
@@ -99,7 +104,7 @@ def course(tmp_path_factory: pytest.TempPathFactory) -> Course:
 
         def evaluate(kind: Evaluation, trials: Sequence[Trial], nominal: RobotParameters) -> FloatArray:
             noted.judged.append((kind, len(trials)))
-            shape = {screened: LANES, looked_at: FRESH}.get(kind, 2)
+            shape = {screen_gaits: LANES, evaluate_walks: FRESH}.get(kind, 2)
             return np.array([np.random.default_rng(t.seed).uniform(0.9, 1.1, shape) for t in trials])
 
         folder = PrintedRun.create(tmp_path_factory.mktemp("course") / "run", replace(SMALL, generations=1))
@@ -148,14 +153,14 @@ def test_designs_carry_a_gait_and_walk_in_it_as_promised(whole: Path) -> None:
     designs, elites = load_run(whole), run.restore().archive.ranked()
     assert len(designs) == len(elites) > 0
     best = designs[0]
-    gait, told = gait_of(best), best.provenance["evolved_walk"]
+    gait, told = read_gait(best), best.provenance["evolved_walk"]
     assert gait is not None and gait.method == "evolved"
     assert (gait.period, round(gait.period * gait.duty[0], 6)) in run.config.timings
     assert told["expected"] == pytest.approx(elites[0].walks.mean()) and told["samples"] == len(
         elites[0].walks
     )
     robots = NominalRobots(best.morphology, run.config.nominal)
-    (fresh,) = sampled_walks(robots, [gait], 16, seed=99)
+    (fresh,) = sample_walks(robots, [gait], 16, seed=99)
     away = np.hypot(fresh.error, told["standard_error"]) + 0.02
     assert abs(fresh.expected - told["expected"]) < 4 * away, "other samples walk as far"
 
@@ -180,7 +185,7 @@ def test_what_the_workshop_refuses_is_not_tried() -> None:
         return "too wide" * (len(body.positions) > 8)
 
     searches = [PrintedSearch(SMALL, said) for said in (refused, lambda body: "")]
-    tried = [search._progenitors(np.random.default_rng(3)) for search in searches]
+    tried = [search.progenitors(np.random.default_rng(3)) for search in searches]
     small, all_sizes = ([len(c.body.positions) for c in found] for found in tried)
     assert len(small) == len(all_sizes) == 24
     assert max(small) <= 8 < max(all_sizes)
@@ -188,17 +193,19 @@ def test_what_the_workshop_refuses_is_not_tried() -> None:
 
 def test_twice_as_many_random_robots_as_offspring_are_looked_at_closely(course: Course) -> None:
     """The second generation has elites to descend from: otherwise it would be 24 random robots again."""
-    second = course.judged.index((screened, 4))
+    second = course.judged.index((screen_gaits, 4))
     first, later = course.judged[:second], course.judged[second:]
-    assert first[:2] == [(screened, 24), (decided, 4)] and screened not in [kind for kind, _ in first[1:]]
-    assert max(n for kind, n in later if kind is decided) <= 2
+    assert first[:2] == [(screen_gaits, 24), (compare_gaits, 4)] and screen_gaits not in [
+        kind for kind, _ in first[1:]
+    ]
+    assert max(n for kind, n in later if kind is compare_gaits) <= 2
 
 
 def test_a_body_is_shown_to_the_workshop_once() -> None:
     shown: list[Morphology] = []
     search = PrintedSearch(SMALL, lambda body: shown.append(body) or "")
     for seed in range(3):
-        search._progenitors(np.random.default_rng(seed % 2))
+        search.progenitors(np.random.default_rng(seed % 2))
     assert len({body.key for body in shown}) == len(shown) > 24
 
 
@@ -207,16 +214,16 @@ def test_a_workshop_that_refuses_all_ends_the_run(tmp_path: Path, monkeypatch: p
     run = PrintedRun.create(tmp_path / "run", SMALL)
     with raises(EldirError, "evolution.too-few-bodies", match="expected 24 different bodies; found 0"):
         evolve_printed(run, lambda body: "too wide")
-    assert "best" not in status_of(run).summary()
+    assert "best" not in read_status(run).summary()
 
 
 def test_a_mirror_image_must_be_buildable_too(monkeypatch: pytest.MonkeyPatch) -> None:
     genome = genomes(200, 7)[36]
     walks = np.array([[-0.1, 0.0, -0.3, -0.5, 0.0, -0.3, 0.0, -np.inf]])
-    monkeypatch.setattr("eldir.evolution.printed.search.screened", lambda *_: walks)
+    monkeypatch.setattr("eldir.evolution.printed.search.screen_gaits", lambda *_: walks)
     candidate = Candidate(0, -1, genome, genome.body(SMALL.lattice))
     for said in ("", "too wide"):
-        _, promising = PrintedSearch(SMALL, lambda body, said=said: said)._screened([candidate])
+        _, promising = PrintedSearch(SMALL, lambda body, said=said: said).screen([candidate])
         assert len(promising) == (said == "")
 
 
@@ -227,9 +234,11 @@ def test_a_backward_walker_goes_on_as_its_mirror_image(
     """Judged by a stand-in for the first trial; that the image walks the other way is tested with physics."""
     search, genome = PrintedSearch(SMALL), genomes(200, 7)[36]
     walks = np.array([[0.1, 0.0, -0.1, 0.5, 0.0, 0.3, 0.0, -np.inf]])
-    monkeypatch.setattr("eldir.evolution.printed.search.screened", lambda *_: walks if forward else -walks)
+    monkeypatch.setattr(
+        "eldir.evolution.printed.search.screen_gaits", lambda *_: walks if forward else -walks
+    )
     body = genome.body(SMALL.lattice)
-    _, promising = search._screened([Candidate(0, -1, genome, body)])
+    _, promising = search.screen([Candidate(0, -1, genome, body)])
     ((candidate, trial),) = promising
     assert trial.body is candidate.body
     assert (
@@ -284,7 +293,7 @@ def test_bodies_that_never_stand_end_the_run(monkeypatch: pytest.MonkeyPatch) ->
     [
         (["--objective", "printed", "--terrain", "level"], "remove --terrain"),
         (["--objective", "printed", "--iterations", "9"], "remove --iterations"),
-        (["--rig", "rig.yaml"], "--rig counts only with --objective printed"),
+        (["--rig", "rig.yaml"], "--rig is only for --objective printed"),
         (["--objective", "prnted"], "prnted"),
     ],
 )
@@ -334,7 +343,7 @@ def test_analyse_draws_such_runs(whole: Path, tmp_path: Path) -> None:
         assert float(row["mm_per_minute"]) * five_take == pytest.approx(five, rel=1e-5)
     generations = list(csv.DictReader((out / "generations.csv").read_text().splitlines()))
     assert [int(row["tried"]) for row in generations] == [24, 4]
-    assert max(float(row["best_first_look"] or 0) for row in generations) > 0
+    assert max(float(row["best_first_estimate"] or 0) for row in generations) > 0
 
 
 @pytest.mark.skipif(BROWSER is None, reason="Chromium is not installed")
@@ -347,7 +356,7 @@ def test_no_table_of_such_a_page_is_cut_off_without_a_word(whole: Path, tmp_path
 
 def test_kinds_of_one_length_have_one_tick() -> None:
     walker = SimpleNamespace(niche=Niche(rows=1, length=2, masses=6, grounded=1), expected=1.5)
-    figure = figures.kinds([SimpleNamespace(walker=walker)])
+    figure = archive_figure([SimpleNamespace(walker=walker)])
     for axis in (figure.axes[0].xaxis, figure.axes[0].yaxis):
         low, high = axis.get_view_interval()
         assert [t for t in axis.get_majorticklocs() if low <= t <= high] == [round((low + high) / 2)]
@@ -363,7 +372,7 @@ def test_a_run_without_a_walker_has_no_figures(tmp_path: Path) -> None:
 
 def test_only_the_best_become_designs(whole: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert len(PrintedRun.open(whole).restore().archive.elites) > 1
-    monkeypatch.setattr(designs_of_runs, "_MOST_PRINTED", 1)
+    monkeypatch.setattr(designs_of_runs, "_MAX_PRINTED", 1)
     assert len(load_run(whole)) == 1
 
 
@@ -371,19 +380,19 @@ def test_a_tilted_table_must_not_change_the_walk_much() -> None:
     """Of robots that walk somehow on a level table, those that a slope stops or drives are left out."""
     search = PrintedSearch(SMALL)
     tried = [Candidate(i, -1, g, g.body(SMALL.lattice)) for i, g in enumerate(genomes(14, 8))]
-    chosen = [(c, c.genome.gait(c.body, SMALL.timings)) for c in tried if search._stands(c.body)]
-    kept = {c.number for c, _ in search._steady(chosen)}
+    chosen = [(c, c.genome.gait(c.body, SMALL.timings)) for c in tried if search.stands(c.body)]
+    kept = {c.number for c, _ in search.keep_steady(chosen)}
     assert 0 < len(kept) < len(chosen)
     for c, gait in chosen:
-        down, up = on_slopes([Trial(c.body, (gait,), (SMALL.seed, c.number, 3))], SMALL.nominal)[0]
+        down, up = walk_on_slopes([Trial(c.body, (gait,), (SMALL.seed, c.number, 3))], SMALL.nominal)[0]
         assert (c.number in kept) == (0.7 * down <= up and 0.7 * up <= down and up > 0 and down > 0)
 
 
 def test_towers_do_not_stand() -> None:
     search = PrintedSearch(replace(SMALL, lattice=Lattice(6, 11)))
-    assert search._stands(body(*[(row, c) for row in range(2) for c in (3, 4, 5)]))
+    assert search.stands(body(*[(row, c) for row in range(2) for c in (3, 4, 5)]))
     tower = body(*[(row, c) for row in range(4) for c in (3, 4, 5)])
-    assert height_over_base(build(tower)) == pytest.approx(4 * np.sqrt(3) / 2 / 2) and not shape_fault(
+    assert height_over_base(build(tower)) == pytest.approx(4 * np.sqrt(3) / 2 / 2) and not find_shape_fault(
         build(tower)
     )
-    assert not search._stands(tower)
+    assert not search.stands(tower)

@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eldir.evolution.printed.genome import motors_of
-from eldir.evolution.printed.variation import offspring, random_genomes
+from eldir.evolution.printed.genome import make_offspring, motor_springs, random_genomes
 from eldir.lattice import Lattice
 from tests.eldir.evolution.printed.small_searches import LATTICE, genomes
 
@@ -19,7 +18,7 @@ def test_offspring_are_whole_robots_and_differ_from_their_parent(
 ) -> None:
     lattice, rng = Lattice(rows, columns), np.random.default_rng(seed)
     for parent in random_genomes(lattice, 2, rng, motors, 3):
-        child = offspring(lattice, parent, rng, motors, 3)
+        child = make_offspring(lattice, parent, rng, motors, 3)
         for one in (parent, child):
             body = one.body(lattice)  # refuses what is not in one piece
             assert 1 <= body.motors <= motors
@@ -35,15 +34,15 @@ def test_every_gene_changes_and_one_kind_at_a_time() -> None:
     body = parent.body(LATTICE)
     seen = set()
     for _ in range(300):
-        child = offspring(LATTICE, parent, rng, 2, 3)
+        child = make_offspring(LATTICE, parent, rng, 2, 3)
         other = child.body(LATTICE)
         bodies = not np.array_equal(child.genotype.triangles, parent.genotype.triangles)
-        motors = not bodies and not np.array_equal(motors_of(other), motors_of(body))
+        motors = not bodies and not np.array_equal(motor_springs(other), motor_springs(body))
         phases = not bodies and not motors and not np.array_equal(child.phases, parent.phases)
         if motors and other.motors == body.motors:
             gone, come = (
-                set(motors_of(body)) - set(motors_of(other)),
-                set(motors_of(other)) - set(motors_of(body)),
+                set(motor_springs(body)) - set(motor_springs(other)),
+                set(motor_springs(other)) - set(motor_springs(body)),
             )
             if len(gone) == len(come) == 1:
                 kept = child.phases[come.pop()] == parent.phases[gone.pop()]
@@ -61,10 +60,10 @@ def test_every_gene_changes_and_one_kind_at_a_time() -> None:
 def test_a_changed_gait_mostly_stays_on_its_peak_and_sometimes_tries_another_period() -> None:
     """The peak of a walk over the phase is about a tenth of a period wide; half of it is on either side."""
     rng, (parent,) = np.random.default_rng(2), genomes(1, 5)
-    motors = motors_of(parent.body(LATTICE))
+    motors = motor_springs(parent.body(LATTICE))
     changes, others = [], []
     while len(changes) < 150:
-        child = offspring(LATTICE, parent, rng, 2, 3)
+        child = make_offspring(LATTICE, parent, rng, 2, 3)
         if child.genotype == parent.genotype:
             changes.append((child.phases[motors] - parent.phases[motors] + 0.5) % 1.0 - 0.5)
             others.append(child.timing != parent.timing)

@@ -1,4 +1,0 @@
-"""Checks of a rig before it heats: port, board, camera, clock, disk.
-
-Nothing here heats a spring.
-"""

@@ -1,0 +1,288 @@
+"""An evolution in the terminal: a new run, progress bar, Ctrl-C, the cluster, the engine's shortcuts."""
+
+from __future__ import annotations
+
+import json
+import re
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import typer
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+
+from eldir.core.arguments import require_value
+from eldir.core.version import warn_of_other_source
+from eldir.errors import EldirError, print_line
+from eldir.evolution.printed.run_folder import PrintedRun
+from eldir_app.progress import progress_bar
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from eldir.core.kernels import Precision
+    from eldir.defaults import Crossover, Ground, Objective, Optimiser
+    from eldir.evolution.cluster import Cluster
+    from eldir.evolution.designs import Run
+    from eldir.evolution.run_folder import RunFolder
+    from eldir.evolution.search import Search
+    from eldir.training.configuration import TrainingConfig
+    from eldir.training.randomisation import Randomisation
+
+Show = Callable[[float, str], None]
+"""Called with the number of generations done, with the fraction of the present one, and a line of text."""
+
+
+@dataclass(frozen=True)
+class NewRunOptions:
+    """What the command line says about a new run. None: the default of the objective."""
+
+    objective: Objective
+    rig: Path | None
+    lattice: str | None
+    population: int | None
+    generations: int | None
+    terrain: Ground
+    precision: Precision
+    max_motors: int | None
+    static_margin_m: float | None
+    buildable: bool
+    second_stage: bool
+    inherit: bool
+    optimiser: Optimiser
+    update_length: float | None
+    window: int | None
+    iterations: int
+    randomise: str | None
+    crossover: Crossover
+    seed: int
+
+    def shape(self, default: tuple[int, int]) -> tuple[int, int]:
+        """Rows and columns of the lattice. Raises `typer.BadParameter` for another text than 13x22."""
+        if self.lattice is None:
+            return default
+        match = re.fullmatch(r"([1-9]\d{0,2})x([1-9]\d{0,2})", self.lattice)
+        if match is None:
+            raise typer.BadParameter(
+                f"--lattice: expected ROWSxCOLUMNS such as 13x22, found {self.lattice!r}"
+            )
+        return int(match[1]), int(match[2])
+
+
+def create_paper_run(out: Path, options: NewRunOptions) -> RunFolder:
+    """A new run in the paper's scene."""
+    from eldir import defaults
+    from eldir.evolution.run_folder import RunFolder
+    from eldir.evolution.search import EvolutionConfig, make_scene
+    from eldir.lattice import Lattice
+
+    scene = make_scene(options.terrain, options.seed)
+    config = EvolutionConfig(
+        lattice=Lattice(*options.shape(defaults.LATTICE)),
+        population=defaults.POPULATION if options.population is None else options.population,
+        generations=defaults.GENERATIONS if options.generations is None else options.generations,
+        max_active=options.max_motors,
+        static_margin=options.static_margin_m,
+        buildable=options.buildable,
+        second_stage=options.second_stage,
+        crossover=options.crossover,
+        inherit=options.inherit,
+        iterations=options.iterations,
+        randomisation=None if options.randomise is None else _randomisation(options.randomise),
+        seed=options.seed,
+        scene=scene.replace(window=options.window, precision=options.precision),
+        training=_training(options),
+    )
+    return RunFolder.create(out, config)
+
+
+def create_printed_run(out: Path, options: NewRunOptions) -> PrintedRun:
+    """A new run of printed robots. Raises `InputError` for more motors than the rig can heat."""
+    from eldir import defaults
+    from eldir.core.files import require_new
+    from eldir.evolution.printed.configuration import PrintedEvolutionConfig
+    from eldir.lattice import Lattice
+    from eldir_hardware.planning.workshop import make_workshop
+
+    shape = options.shape(defaults.PRINTED_LATTICE)
+    require_new(out)
+    conditions = make_workshop(options.rig)
+    motors = options.max_motors
+    if motors is None:
+        motors = min(conditions.motors, defaults.PRINTED_MOTORS)
+    expected = f"at most {conditions.motors} on this rig"
+    remedy = "add channels to the rig file, and give it with --rig"
+    require_value("--max-motors", motors <= conditions.motors, expected, motors, remedy)
+    config = PrintedEvolutionConfig(
+        lattice=Lattice(*shape),
+        offspring=defaults.PRINTED_OFFSPRING if options.population is None else options.population,
+        generations=defaults.PRINTED_GENERATIONS if options.generations is None else options.generations,
+        max_active=motors,
+        static_margin=defaults.PRINTED_MARGIN if options.static_margin_m is None else options.static_margin_m,
+        seed=options.seed,
+        printed=conditions.printed,
+        springs=conditions.springs,
+        timings=conditions.timings,
+    )
+    return PrintedRun.create(out, config)
+
+
+def _training(options: NewRunOptions) -> TrainingConfig:
+    from eldir.training.configuration import TrainingConfig
+
+    if options.update_length is None:
+        return TrainingConfig(options.optimiser)
+    return TrainingConfig(options.optimiser, options.update_length)
+
+
+def _randomisation(source: str) -> Randomisation:
+    """From a scene file, or "unfilmed" for the priors."""
+    from eldir.built.scene import PrintedScene
+    from eldir.training.randomisation import Randomisation
+
+    return Randomisation.unfilmed() if source == "unfilmed" else Randomisation.of(PrintedScene.load(source))
+
+
+def run_evolution(run: Run, cluster: bool, as_json: bool, explain: bool = False, new: bool = False) -> None:
+    """Evolve until the end or Ctrl-C, and print the status of the run. The folder of a new run is removed if
+    it fails before a result is saved."""
+    resume = f"continue with eldir evolve --resume {run.path}"
+    with run.remove_if_empty() if new else nullcontext(), run.locked():
+        warn_of_other_source(run.path, run.source)
+        if explain and not isinstance(run, PrintedRun):
+            _print_skips(run.restore())
+        finished = _evolve(run, cluster, resume)
+    print_status(run, as_json)
+    if not finished:
+        print_line(f"stopped; {resume}")
+        raise typer.Exit(130)
+
+
+def _evolve(run: Run, cluster: bool, resume: str) -> bool:
+    """Evolve with a progress bar until the end or Ctrl-C; return whether the run is finished. An error says
+    how to `resume`."""
+    printed = isinstance(run, PrintedRun)
+    boundary = "this generation is complete" if printed else "the robots that are learning are done"
+    saved = "the complete generations are saved" if printed else "everything learned so far is saved"
+    columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}"), TimeRemainingColumn())
+    with (
+        _open_cluster(cluster) as machines,
+        progress_bar(*columns, is_permanent=True) as bar,
+        _stop_at_boundary(boundary) as is_stopped,
+    ):
+        complete = run.complete_generations()
+        done = complete[-1][0] + 1 if complete else 0
+        task = bar.add_task("", total=run.config.generations + 1, completed=done)
+
+        def show(generations: float, line: str) -> None:
+            bar.update(task, completed=generations, description=line)
+
+        try:
+            if isinstance(run, PrintedRun):
+                return _evolve_printed(run, machines, is_stopped, show)
+            return _evolve_trained(run, machines, is_stopped, show)
+        except EldirError as error:
+            if not run.has_results:
+                raise
+            raise EldirError(str(error), remedy=f"{saved}: {resume}") from None
+
+
+def print_status(run: Run, as_json: bool) -> None:
+    """Print the status of a run, on one line or as JSON."""
+    from eldir.evolution.printed.run_folder import read_status as status_of_printed
+    from eldir.evolution.status import read_status
+
+    status = status_of_printed(run) if isinstance(run, PrintedRun) else read_status(run)
+    print(json.dumps(status.to_json(), indent=1) if as_json else f"{status.path}: {status.summary()}")
+
+
+def _evolve_trained(
+    run: RunFolder, machines: Cluster | None, is_stopped: Callable[[], bool], show: Show
+) -> bool:
+    """Continue a run in the paper's scene; return whether it is finished."""
+    from eldir.evolution.loop import make_local_trainer, run_generations
+    from eldir.evolution.status import progress_line
+
+    search = run.restore()
+
+    def progress(learned: int) -> None:
+        fitness = None if search.survivors is None else search.survivors.fitness()
+        fraction = min(learned / run.config.population, 1.0)
+        show(search.generation + fraction, progress_line(search.generation, fitness))
+
+    run_generations(run, search, machines or make_local_trainer(run), is_stopped, progress)
+    return search.finished
+
+
+def _evolve_printed(
+    run: PrintedRun, machines: Cluster | None, is_stopped: Callable[[], bool], show: Show
+) -> bool:
+    """Continue a run of printed robots; return whether it is finished."""
+    from eldir.evolution.printed.run_folder import evolve_printed, progress_line
+    from eldir.evolution.printed.search import PrintedSearch, evaluate_here
+    from eldir_hardware.planning.workshop import make_workshop
+
+    def progress(search: PrintedSearch, fraction: float) -> None:
+        show(search.generation + fraction, progress_line(search.generation, search.archive))
+
+    evaluate = machines.evaluate if machines else evaluate_here
+    return evolve_printed(
+        run, make_workshop().rejection_reason, lambda search: is_stopped(), progress, evaluate
+    )
+
+
+def _print_skips(search: Search) -> None:
+    """Print which computations the engine skips for these bodies, and why."""
+    from eldir.engine.shortcuts import SkippedWork, explain_skips
+
+    config = search.config
+    bodies = search.ask().morphologies(config.lattice)
+    skips = explain_skips(bodies, config.scene, backward=True, record=False)
+    survivors = 0 if search.survivors is None else len(search.survivors.losses)
+    skips.append(
+        SkippedWork("learning of survivors", f"{survivors} so far keep the results of their first generation")
+    )
+    for skip in skips:
+        print(f"left out: {skip.work}: {skip.reason}", file=sys.stderr)
+
+
+@contextmanager
+def _open_cluster(cluster: bool) -> Iterator[Cluster | None]:
+    """The Ray cluster; None for this computer alone."""
+    if not cluster:
+        yield None
+        return
+    from eldir.evolution.cluster import Cluster
+
+    machines = Cluster()
+    try:
+        yield machines
+    finally:
+        machines.close()
+
+
+@contextmanager
+def _stop_at_boundary(boundary: str) -> Iterator[Callable[[], bool]]:
+    """Yield a function that tells whether SIGINT or SIGTERM has arrived, so that the run stops where no
+    result is lost. A second signal interrupts at once. `boundary`: what is completed first, in words."""
+    requested = False
+
+    def request_stop(signum: int, frame: object) -> None:
+        nonlocal requested
+        if requested:
+            raise KeyboardInterrupt
+        requested = True
+        print(
+            f"the run stops when {boundary}; press Ctrl-C again to stop at once, without their results",
+            file=sys.stderr,
+        )
+
+    previous = {number: signal.signal(number, request_stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield lambda: requested
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)

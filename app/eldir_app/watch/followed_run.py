@@ -1,0 +1,218 @@
+"""The run that the page shows: the one that is being recorded now, or the log that was given."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from eldir.errors import EldirError, InputError
+from eldir_app.watch.driven_rigs import (
+    DrivenPort,
+    driven_ports,
+    ports_of_log,
+    ports_of_rig,
+    rig_state,
+)
+from eldir_app.watch.run_view import RunView
+from eldir_hardware.log.following import LogFollower, LogMessage
+from eldir_hardware.rig._board_hints import read_board_hints
+
+_logger = logging.getLogger(__name__)
+
+_LOG_INTERVAL_S = 0.03  # between two reads of the log
+_PROCESS_INTERVAL_S = 0.7  # between two searches for driven ports
+_READ_TIME_S = 0.03  # a long log is read in pieces of this time; stops and pages are served in between
+_MAX_RUN_TIME_S = 1e8  # a log that started longer ago than this has virtual time
+
+
+class FollowedRun:
+    """Follows the newest run of a rig, or one log. One task reads it for any number of pages."""
+
+    def __init__(
+        self,
+        rig_file: Path | None,
+        log: Path | None,
+        on_log: Callable[[Path], None] = lambda path: None,
+    ):
+        """`on_log` is called with each log that is followed. Raises `InputError` if `log` is not a log."""
+        self._on_log = on_log
+        self._rig_file, self._given_log = rig_file, log
+        self.view: RunView | None = None
+        self.number = 0
+        """Number of runs that were followed."""
+        self.rig_state: dict[str, Any] = {}
+        """Guardian, player, latch and disk, as the page shows them."""
+        self.is_replay = False
+        """Whether the log was finished when it was opened: no rig is driven for it."""
+        self._driven: list[DrivenPort] = []
+        self._log: LogFollower | None = None
+        self._messages: Iterator[LogMessage] = iter(())
+        self.problem: str | None = None
+        """Why the rest of the log cannot be read."""
+        self._tracking: asyncio.subprocess.Process | None = None
+        self._tracking_readers: set[asyncio.Task[None]] = set()
+        self._changed = asyncio.Event()
+        if log is not None:
+            self._open(log)
+
+    async def stop_arguments(self) -> list[list[str]]:
+        """Arguments of each `eldir rig off` that is needed for a stop: of the port in the rig file, of the
+        ports that drive the virtual rig or the log, or of everything that this computer drives."""
+        if self._rig_file is not None and read_board_hints(self._rig_file).ports:
+            return [["--rig", str(self._rig_file.resolve())]]
+        if self._rig_file is None and self._given_log is None:
+            return [[]]
+        driven = self._driven or await asyncio.to_thread(self._find_driven)
+        return [["--port", port] for port in dict.fromkeys(d.given_name or d.port for d in driven)]
+
+    @property
+    def is_driven(self) -> bool:
+        """Whether the rig of this page is being driven."""
+        return bool(self._driven)
+
+    @property
+    def players(self) -> set[int]:
+        """Process numbers of the players of this run that accept orders."""
+        if self.is_replay or self._log is None:
+            return set()
+        log = self._log.path.resolve()
+        return {d.player for d in self._driven if log in d.logs and d.accepts_commands}
+
+    async def run(self) -> None:
+        """Read until cancelled."""
+        watching = asyncio.create_task(self._watch_processes())
+        try:
+            while True:
+                if self._log is not None and self.problem is None:
+                    self._read()
+                await asyncio.sleep(_LOG_INTERVAL_S)
+        finally:
+            watching.cancel()
+            self._end_tracking()
+
+    async def wait_for_change(self) -> None:
+        """Wait until there is something new to show."""
+        await self._changed.wait()
+
+    def picture_at(self, t: float) -> bytes | None:
+        """The newest picture not later than `t` [s since the start], as JPEG."""
+        if self.view is None or self._log is None:
+            return None
+        before = [p for p in self.view.pictures if p[0] <= t] or self.view.pictures[:1]
+        return self._log.read(before[-1][1]).data.tobytes() if before else None
+
+    def _read(self) -> None:
+        log, view, until = self._log, self.view, time.monotonic() + _READ_TIME_S
+        assert log is not None and view is not None
+        has_news = False
+        try:
+            for message in self._messages:
+                view.update(message, log)
+                has_news = True
+                if time.monotonic() > until:
+                    break
+            else:
+                self._messages = log.poll()
+        except (EldirError, OSError) as error:
+            self.problem = str(error)
+        if view.read_files(log) or has_news:
+            self._notify_pages()
+
+    def _notify_pages(self) -> None:
+        self._changed.set()
+        self._changed = asyncio.Event()
+
+    async def _watch_processes(self) -> None:
+        while True:
+            self._driven = await asyncio.to_thread(self._find_driven)
+            ports = list(read_board_hints(self._rig_file).ports) if self._rig_file is not None else []
+            folder = None if self._log is None else self._log.path.resolve().parent
+            state = await asyncio.to_thread(rig_state, self._driven, ports, folder)
+            if state != self.rig_state:
+                self.rig_state = state
+                self._notify_pages()
+            self._follow_newest_log()
+            if self._tracking is None and self.view is not None and self.view.pictures:
+                await self._start_tracking()
+            await asyncio.sleep(_PROCESS_INTERVAL_S)
+
+    def _find_driven(self) -> list[DrivenPort]:
+        if self._given_log is not None:
+            return [] if self.is_replay else ports_of_log(self._given_log)
+        return driven_ports() if self._rig_file is None else ports_of_rig(self._rig_file)
+
+    def _follow_newest_log(self) -> None:
+        """A new run replaces one that has ended."""
+        if self._given_log is not None:
+            return
+        logs = [log for d in self._driven for log in d.logs]
+        if logs and (self._log is None or self._log.path.resolve() not in logs):
+            with suppress(InputError, OSError):  # it has ended in the meantime
+                self._open(max(logs, key=lambda log: log.stat().st_mtime))
+
+    def _open(self, path: Path) -> None:
+        log = LogFollower(path)
+        log.open()
+        _logger.info("following %s", path)
+        self._end_tracking()
+        if self._log is not None:
+            self._log.close()
+        self._log, self.view, self._messages, self.problem = log, RunView(log.path), log.poll(), None
+        self.is_replay = self._given_log is not None and log.is_complete
+        self.number += 1
+        if not self.is_replay:
+            self._on_log(log.path.resolve())
+
+    async def _start_tracking(self) -> None:
+        assert self._log is not None and self.view is not None
+        self._tracking = await asyncio.create_subprocess_exec(
+            sys.executable,
+            "-m",
+            "eldir_app.watch.marker_tracking",
+            str(self._log.path.resolve()),
+            stdin=asyncio.subprocess.DEVNULL,
+            stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.DEVNULL,
+        )
+        reader = asyncio.create_task(self._read_tracks(self._tracking, self.view))
+        self._tracking_readers.add(reader)
+        reader.add_done_callback(self._tracking_readers.discard)
+
+    async def _read_tracks(self, process: asyncio.subprocess.Process, view: RunView) -> None:
+        assert process.stdout is not None
+        while line := await process.stdout.readline():
+            with suppress(ValueError):
+                row = json.loads(line)
+                if isinstance(row, list):
+                    view.curves["marks"].add(row)
+                else:
+                    view.curves["events"].add([view.latest, 0, "marks", row])
+                self._notify_pages()
+        await process.wait()
+
+    def _end_tracking(self) -> None:
+        if self._tracking is not None and self._tracking.returncode is None:
+            with suppress(ProcessLookupError):
+                self._tracking.kill()
+        self._tracking = None
+
+    @property
+    def now(self) -> float | None:
+        """Time of the run [s since the start]; None for a replay, in virtual time and before the start."""
+        epoch = None if self._log is None else self._log.epoch_ns
+        if epoch is None or self.is_replay:
+            return None
+        now = (time.time_ns() - epoch) * 1e-9
+        return round(now, 3) if abs(now) < _MAX_RUN_TIME_S else None
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether the run that is followed has ended."""
+        return self._log is None or self._log.is_finished

@@ -1,0 +1,228 @@
+"""Pictures for the workshop: the robot, also as a 3D model, plates, parts, and the numbered map of both
+faces."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import trimesh
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.figure import Figure
+from matplotlib.patches import RegularPolygon
+from trimesh.exchange.gltf import export_glb
+from trimesh.visual.material import PBRMaterial
+from trimesh.visual.texture import TextureVisuals
+
+from eldir.core.pictures import MARK, MOTOR
+from eldir.core.records import FloatArray
+from eldir.parameters.wiring import FACES, Face, Wiring, wiring_digest
+from eldir_cad.geometry.assembly import Assembly
+from eldir_cad.geometry.parts import Part
+from eldir_cad.geometry.plates import Plate
+from eldir_cad.kit.printer import Printer
+from eldir_cad.kit.specification import Specification
+
+ColouredMesh = tuple[trimesh.Trimesh, str]
+_RESIN, CONNECTOR = "#9db7c9", "#d9c48f"
+_COIL_PIECES = 12
+_LIGHT = np.array([0.35, 0.55, 0.75]) / np.linalg.norm([0.35, 0.55, 0.75])
+_MM = 1e-3  # [m]
+
+
+def draw_robot(assembly: Assembly, spec: Specification) -> Figure:
+    """The assembled robot, seen from its front face, a little from above and from the right."""
+    solids: list[ColouredMesh] = []
+    for place in assembly.placements:
+        mesh = assembly.parts[place.part].mesh.copy()
+        if place.part == "spring_end":  # the covered part would be drawn over the coil
+            mesh.update_faces(mesh.triangles_center[:, 2] > spec.fitting.stud_length - 1e-3)
+        matrix = np.eye(4)
+        matrix[:3, :3], matrix[:3, 3] = place.rotation, place.translation
+        marked = place.face == "front" and place.part.startswith("mass") and place.masses[0] in assembly.marks
+        colour = MARK if marked else CONNECTOR if place.part == "connector" else _RESIN
+        solids.append((mesh.apply_transform(matrix), colour))
+    solids += [(coil, MOTOR) for coil in _coils(assembly, spec)]
+    figure, axes = _figure(9, 6)
+    _draw_shaded(axes, solids, turn=-28, tilt=22)
+    return figure
+
+
+def draw_plate(plate: Plate, printer: Printer) -> Figure:
+    """A plate from above, at an angle."""
+    figure, axes = _figure(9, 6)
+    width, depth, _ = printer.volume
+    floor = trimesh.creation.box((width, depth, 1.0)).apply_translation((width / 2, depth / 2, -0.6))
+    _draw_shaded(axes, [(floor, "#eeeeee")], [(plate.mesh(), _RESIN)], turn=-20, tilt=55, up="z")
+    axes.set_title(f"{plate.name}: {len(plate.items)} parts on {printer.name}", fontsize=10)
+    return figure
+
+
+def draw_parts(parts: Sequence[Part]) -> Figure:
+    """Parts side by side in their printing poses, each at its own scale."""
+    columns = min(4, len(parts))
+    rows = -(-len(parts) // columns)
+    figure = Figure(figsize=(2.6 * columns, 2.8 * rows))
+    for i, part in enumerate(parts):
+        axes = figure.add_subplot(rows, columns, i + 1)
+        _draw_shaded(axes, [(part.mesh, _RESIN)], turn=-30, tilt=40, up="z")
+        size = " x ".join(f"{e:.1f}" for e in part.mesh.extents)
+        axes.set_title(f"{part.name}\n{size} mm", fontsize=8)
+    figure.tight_layout()
+    return figure
+
+
+def draw_assembly_map(assembly: Assembly, connections: Wiring, ballast: int | None = None) -> Figure:
+    """Both faces with the number of every mass, motors with their channels, connectors, m1 to m5, and the
+    mass with the ballast."""
+    figure = Figure(figsize=(11.7, 8.3))
+    figure.text(0.03, 0.965, "Assembly map", fontsize=14, weight="bold", va="top")
+    digest = f"wiring {wiring_digest(connections)[:8]}"  # manifest.json has all digits
+    figure.text(0.97, 0.965, digest, fontsize=8, va="top", ha="right")
+    for row, face in enumerate(FACES):
+        axes = figure.add_axes((0.03, 0.49 - 0.43 * row, 0.94, 0.40))
+        channels = {c.spring: c.channel for c in connections if c.face == face}
+        _draw_face(axes, assembly, face, channels, ballast)
+    legend = (
+        ("filled hexagon", "connector to the other face", "#8a6d1d"),
+        ("open hexagon", "six springs, so a cap", "black"),
+        ("thick line", "motor, number / relay channel", MOTOR),
+        ("ring", "seat of a tracking disc", MARK),
+    )
+    for i, (sign, meaning, colour) in enumerate(legend):
+        figure.text(0.05 + 0.24 * i, 0.035, f"{sign}: {meaning}", fontsize=8, color=colour, va="top")
+    return figure
+
+
+def _draw_face(
+    axes: Axes,
+    assembly: Assembly,
+    face: Face,
+    channels: dict[int, int],
+    ballast: int | None,
+) -> None:
+    body = assembly.morphology
+    centres = assembly.centres * ([1, 1] if face == "front" else [-1, 1])
+    lines = centres[body.springs]
+    axes.add_collection(LineCollection(list(lines[~body.active]), colors="#888888", linewidths=1.2))
+    axes.add_collection(LineCollection(list(lines[body.active]), colors=MOTOR, linewidths=4))
+    for motor, line in enumerate(lines[body.active]):
+        label = f"S{motor} / {channels[motor]}"
+        x, y = line.mean(axis=0)
+        frame = {"fc": "white", "ec": MOTOR, "pad": 1.5, "lw": 0.6}
+        style: dict[str, Any] = {"fontsize": 8, "weight": "bold", "color": MOTOR, "ha": "center"}
+        axes.text(x, y, label, bbox=frame, zorder=4, va="center", **style)
+    degree = np.bincount(body.springs.ravel(), minlength=len(centres))
+    mark_of = {int(m): f"m{i + 1}" for i, m in enumerate(assembly.marks)}
+    for i, (x, y) in enumerate(centres):
+        colour = CONNECTOR if degree[i] < 6 else "white"
+        axes.add_patch(RegularPolygon((x, y), 6, radius=9.5, fc=colour, ec="black", lw=0.8, zorder=3))
+        axes.text(x, y, str(i), fontsize=7.5, ha="center", va="center", zorder=4)
+        if i == ballast:
+            axes.text(x, y - 19, "ballast", fontsize=8, weight="bold", ha="center", zorder=4)
+        if i in mark_of:
+            axes.add_patch(RegularPolygon((x, y), 40, radius=13, fill=False, ec=MARK, lw=2, zorder=3))
+            axes.text(x, y + 15, mark_of[i], fontsize=8, weight="bold", color=MARK, ha="center", zorder=4)
+    axes.set_aspect("equal")
+    axes.set_xlim(centres[:, 0].min() - 30, centres[:, 0].max() + 30)
+    axes.set_ylim(centres[:, 1].min() - 20, centres[:, 1].max() + 32)
+    axes.axis("off")
+    direction = "travel to the right" if face == "front" else "travel to the left"
+    under = ("one line", "two lines")[FACES.index(face)]
+    axes.set_title(f"{face} face, seen from outside ({direction}); {under} under the numbers", fontsize=9)
+
+
+def _coils(assembly: Assembly, spec: Specification) -> list[trimesh.Trimesh]:
+    """The shape-memory springs as rods in short pieces, which can be sorted by depth."""
+    body, pieces = assembly.morphology, []
+    for a, b in assembly.centres[body.springs[body.active]]:
+        along = (b - a) / np.linalg.norm(b - a) * spec.coil_seat
+        for z in (spec.springs_at, -spec.springs_at):
+            turns = np.linspace([*(a + along), z], [*(b - along), z], _COIL_PIECES + 1)
+            radius = spec.coil.outer_diameter / 2
+            pieces += [
+                trimesh.creation.cylinder(radius, segment=ends, sections=16) for ends in pairwise(turns)
+            ]
+    return pieces
+
+
+def _figure(width: float, height: float) -> tuple[Figure, Axes]:
+    figure = Figure(figsize=(width, height))
+    return figure, figure.add_axes((0.01, 0.01, 0.98, 0.93))
+
+
+def _draw_shaded(
+    axes: Axes, *layers: Sequence[ColouredMesh], turn: float, tilt: float, up: str = "y"
+) -> None:
+    """Draw solids in parallel projection, the farthest triangles of a layer first, later layers on top."""
+    view = _view_rotation(np.radians(turn), np.radians(tilt))
+    if up == "z":
+        view = view @ [[1, 0, 0], [0, 0, 1], [0, -1, 0]]
+    corners_2d = []
+    for layer, solids in enumerate(layers):
+        corners, colours = [], []
+        for mesh, colour in solids:
+            normals = mesh.face_normals @ view.T
+            facing = normals[:, 2] > 0
+            corners.append((mesh.triangles[facing] @ view.T).reshape(-1, 3, 3))
+            brightness = 0.4 + 0.6 * np.clip(normals[facing] @ _LIGHT, 0, 1)
+            colours.append(brightness[:, None] * _rgb(colour))
+        points, shades = np.concatenate(corners), np.concatenate(colours)
+        order = np.argsort(points[:, :, 2].mean(axis=1), kind="stable")
+        outlines: Any = points[order, :, :2]  # as an array: ten times faster than as a list
+        axes.add_collection(
+            PolyCollection(outlines, facecolors=shades[order], antialiaseds=False, zorder=layer)
+        )
+        corners_2d.append(points[..., :2].reshape(-1, 2))
+    extent = np.concatenate(corners_2d)
+    low, high = extent.min(axis=0), extent.max(axis=0)
+    pad = 0.03 * (high - low).max()
+    axes.set_xlim(low[0] - pad, high[0] + pad)
+    axes.set_ylim(low[1] - pad, high[1] + pad)
+    axes.set_aspect("equal")
+    axes.axis("off")
+
+
+def _view_rotation(turn: float, tilt: float) -> FloatArray:
+    """Rotation from the world to the screen (right, up, towards the viewer): about y, then about x."""
+    c, s = np.cos(turn), np.sin(turn)
+    about_y = np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
+    c, s = np.cos(tilt), np.sin(tilt)
+    return np.asarray(np.array([[1, 0, 0], [0, c, -s], [0, s, c]]) @ about_y)
+
+
+def _rgb(colour: str) -> Any:
+    return np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255
+
+
+def robot_glb(assembly: Assembly, spec: Specification) -> bytes:
+    """The robot as a binary glTF file, in metres, y up, with each part once and all its placements.
+    The same assembly gives the same bytes."""
+    scene = trimesh.Scene()
+    meshes = {}
+    for name, part in assembly.parts.items():
+        marked = name.endswith("front") and name in _marked_parts(assembly)
+        colour = MARK if marked else CONNECTOR if name == "connector" else _RESIN
+        meshes[name] = _with_colour(part.mesh, colour)
+    for i, place in enumerate(assembly.placements):
+        matrix = np.eye(4)
+        matrix[:3, :3], matrix[:3, 3] = place.rotation, place.translation * _MM
+        scene.add_geometry(meshes[place.part], f"{i:04d}", place.part, transform=matrix)
+    for i, coil in enumerate(_coils(assembly, spec)):
+        scene.add_geometry(_with_colour(coil, MOTOR), f"coil_{i}", f"coil_{i}")
+    return bytes(export_glb(scene, include_normals=False))
+
+
+def _marked_parts(assembly: Assembly) -> set[str]:
+    return {p.part for p in assembly.placements if p.face == "front" and p.masses[0] in assembly.marks}
+
+
+def _with_colour(mesh: trimesh.Trimesh, colour: str) -> trimesh.Trimesh:
+    vertices = np.asarray(mesh.vertices) * _MM
+    value = [int(colour[i : i + 2], 16) for i in (1, 3, 5)] + [255]
+    material = PBRMaterial(name=colour, baseColorFactor=value, metallicFactor=0.0, roughnessFactor=0.8)
+    visual = TextureVisuals(material=material)
+    return trimesh.Trimesh(vertices, np.asarray(mesh.faces), process=False, visual=visual)

@@ -1,0 +1,260 @@
+"""Pages of the PDF files: findings of the build filter, process sheet, and order of work with boxes to
+sign."""
+
+from __future__ import annotations
+
+import io
+import textwrap
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_pdf import PdfPages
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from eldir.built.robot import build, feet
+from eldir.core.pictures import MARK, MOTOR
+from eldir.core.records import FloatArray, IntArray
+from eldir.morphology import Morphology
+from eldir_cad.checks._kinematics import find_hinges, find_mechanisms
+from eldir_cad.checks.violations import BuildReport
+from eldir_cad.packet._content import Content
+from eldir_cad.packet._drawing import CONNECTOR
+
+_MAX_MOTIONS = 4  # that are drawn of a kind
+_ARROW = 0.03  # length of the longest arrow [m]
+
+
+def draw_findings(morphology: Morphology, report: BuildReport) -> Figure:
+    """The body with its hinges, feet and faulty parts, and the motions by which it can fold."""
+    at, springs = morphology.positions, morphology.springs
+    folding = find_mechanisms(at, springs)
+    driven = find_mechanisms(at, springs[~morphology.active])
+    panels: list[tuple[str, FloatArray | None]] = [("hinges, feet and faults", None)]
+    panels += [
+        (f"folds with all springs ({i + 1} of {len(folding)})", u)
+        for i, u in enumerate(folding[:_MAX_MOTIONS])
+    ]
+    panels += [
+        (f"folds without its motors ({i + 1} of {len(driven)})", u)
+        for i, u in enumerate(driven[:_MAX_MOTIONS])
+    ]
+    columns = 2 if len(panels) <= 4 else 3
+    rows = -(-len(panels) // columns)
+    figure = Figure(figsize=(11.7, 8.3))
+    figure.text(0.03, 0.965, "Findings of the build filter", fontsize=14, weight="bold", va="top")
+    grid = figure.add_gridspec(rows, columns, left=0.02, right=0.98, bottom=0.1, top=0.88, hspace=0.25)
+    for i, (title, motion) in enumerate(panels):
+        axes = figure.add_subplot(grid[i // columns, i % columns])
+        _draw_body(axes, morphology, _faulty_parts(report))
+        if motion is None:
+            _draw_symbols(axes, morphology)
+        else:
+            velocities = _mostly_at_rest(at, springs, motion)
+            arrows = _ARROW * velocities / np.linalg.norm(velocities, axis=1).max()
+            axes.quiver(
+                *at.T, *arrows.T, color=MARK, angles="xy", scale_units="xy", scale=1,
+                width=0.006, zorder=5, clip_on=False,
+            )  # fmt: skip
+        axes.set_title(title, fontsize=9)
+    figure.text(
+        0.03,
+        0.045,
+        "ring: hinge; triangle: foot; cross: centre of mass; thick line: motor; dashed: faulty part. "
+        "Arrows: a motion in which no spring changes its length, to first order.",
+        fontsize=8,
+    )
+    return figure
+
+
+def _mostly_at_rest(at: FloatArray, springs: IntArray, motion: FloatArray) -> FloatArray:
+    """The motion relative to the spring for which most of the body is at rest."""
+    best, moving = motion, len(motion) + 1
+    for a, b in springs:
+        along = at[b] - at[a]
+        u = motion[b] - motion[a]
+        spin = (along[0] * u[1] - along[1] * u[0]) / (along @ along)
+        arm = at - at[a]
+        relative = motion - motion[a] - spin * np.stack([-arm[:, 1], arm[:, 0]], axis=1)
+        speeds = np.linalg.norm(relative, axis=1)
+        if (count := int((speeds > 1e-6 * speeds.max()).sum())) < moving:
+            best, moving = relative, count
+    return best
+
+
+def _draw_body(axes: Axes, morphology: Morphology, faulty: set[str]) -> None:
+    lines = morphology.positions[morphology.springs]
+    active = morphology.active
+    axes.add_collection(LineCollection(list(lines[~active]), colors="#888888", linewidths=1.2))
+    axes.add_collection(LineCollection(list(lines[active]), colors=MOTOR, linewidths=3.5))
+    faulty_lines = [line for i, line in enumerate(lines) if f"spring {i}" in faulty]
+    axes.add_collection(
+        LineCollection(faulty_lines, colors="black", linewidths=2.0, linestyles="dashed", zorder=4)
+    )
+    is_sound = np.array([f"mass {i}" not in faulty for i in range(len(morphology.positions))])
+    x, y = morphology.positions.T
+    axes.plot(x[is_sound], y[is_sound], "o", color="#444444", markersize=4, zorder=3)
+    axes.plot(x[~is_sound], y[~is_sound], "X", color="black", markersize=8, zorder=4)
+    axes.set_aspect("equal")
+    axes.margins(0.12)
+    axes.axis("off")
+
+
+def _draw_symbols(axes: Axes, morphology: Morphology) -> None:
+    x, y = morphology.positions.T
+    robot = build(morphology)
+    rings = [h.mass for h in find_hinges(morphology)]
+    axes.plot(x[rings], y[rings], "o", mfc="none", mec=MARK, mew=2, markersize=13, zorder=5)
+    for i, (px, py) in enumerate(morphology.positions):
+        axes.annotate(str(i), (px, py), (4, 4), textcoords="offset points", fontsize=6)
+    ground = feet(robot)
+    axes.plot(x[ground], y[ground] - 0.012, "^", color="black", markersize=6)
+    centre = robot.masses @ morphology.positions / robot.masses.sum()
+    axes.plot(*centre, "P", color=CONNECTOR, mec="black", markersize=11, zorder=6)
+    axes.plot([centre[0]] * 2, [centre[1], y.min() - 0.012], ":", color="black", linewidth=0.8)
+
+
+def _faulty_parts(report: BuildReport) -> set[str]:
+    """Masses and springs of all violations except hinges, as 'mass 3' or 'spring 5'."""
+    names: Iterable[str] = (part for v in report.violations if v.kind != "hinge" for part in v.parts)
+    return {" ".join(part.split()[:2]) for part in names}
+
+
+_PAGE = (8.27, 11.69)  # A4 upright [inches]
+_LEFT, _TOP, _LINE, _WRAP = 0.08, 0.93, 0.0175, 92
+_MAX_NOTES = 12
+
+
+def to_pdf(figures: Sequence[Figure]) -> bytes:
+    """Pages as PDF without dates; the same figures give the same bytes."""
+    file = io.BytesIO()
+    with PdfPages(file, metadata={"CreationDate": None}) as pages:
+        for figure in figures:
+            pages.savefig(figure)
+    return file.getvalue()
+
+
+def add_footer(pages: Sequence[Figure], text: str) -> list[Figure]:
+    """The pages with a line at the bottom that says which robot they are for, and their numbers."""
+    for i, page in enumerate(pages, start=1):
+        page.text(_LEFT, 0.006, f"{text}   page {i} of {len(pages)}", fontsize=6.5, color="#444444")
+    return list(pages)
+
+
+def draw_traveller(c: Content) -> list[Figure]:
+    """Process sheet: from the printer to parts that are ready to be assembled."""
+    printer, wash = c.printer, c.printer.wash
+    steps = [
+        "Once for this printer: print the fit coupon (eldir coupon) and set `allowance` in its profile",
+        *(
+            f"Print {plate.name}: {len(plate.items)} parts, {plate.height:.1f} mm high, "
+            f"layers of {printer.layer:g} mm, {printer.material.name}"
+            for plate in c.plates
+        ),
+        f"Wash on the build plate: {wash.on_plate_min:g} min in {wash.solvent}",
+        f"Take the parts off the plate; wash {wash.off_plate_min:g} min in {wash.rinse}",
+        "Dry until no solvent is left in the sockets",
+        "Clip supports: " + (_describe_supports(c) or "there are none"),
+        f"Post-cure {printer.cure_min:g} min",
+        "Put one passive spring into one mass by hand. It must rotate a little to either side. If not, "
+        "correct `allowance` and write the packet again",
+        "Count the parts against bom.csv; weigh one mass and one passive spring",
+    ]
+    page = _Page("Traveller")
+    page.table([f"{i}. {step}" for i, step in enumerate(steps, start=1)])
+    page.heading("Warnings")
+    page.list(
+        [
+            "Heat: coils reach 60 C and more where they sit in the resin. The heat-deflection temperature of "
+            "the resin is not known. Look at the mounts after every run; stop if one has moved or softened.",
+            f"Never connect a coil to a supply without a current limit ({c.spec.coil.current_limit_a:g} A at "
+            "most) and an independent cut-off. A coil that stays on damages itself and the parts by heat.",
+            "Uncured resin and its solvents: wear gloves and glasses, and ventilate the room.",
+        ]
+    )
+    page.heading("Findings of the build filter")
+    page.list(_shorten([f"{v.severity}: {v}" for v in c.report.violations]) or ["none"])
+    return [page.figure]
+
+
+def draw_order_of_work(c: Content) -> list[Figure]:
+    """From parts to a wired robot, beside the assembly map."""
+    discs = ", ".join(f"m{i + 1} on mass {mass}" for i, mass in enumerate(c.assembly.marks))
+    steps = [
+        "Lay out the front masses (one line under the number), floors down and sockets up, as in the lower "
+        "drawing of the assembly map",
+        "Press every passive spring into its two sockets, from above, until it sits on the floor",
+        f"Push each coil over two spring ends, {c.spec.fitting.stud_length:g} mm deep; lead its wire out "
+        "through the guide; press the ends into the sockets of the motors' masses",
+        "Press a cap on every mass with six springs, a connector on every other mass",
+        "Build the back plane in the same way (two lines under the number; upper drawing of the map). Press "
+        "it on the connectors; glue the pegs with a drop of resin and cure it",
+        f"Stick the discs into their seats on the front face: {discs}",
+        "Measure the resistance of every coil; write it into wiring.csv and into the rig file",
+        "Wire each coil to its relay channel (wiring.csv); lead the wires outwards and up, at "
+        "least as long as listed",
+    ]
+    if c.variant.ballast is not None:
+        steps.append(
+            f"Glue a ballast holder over the outside of mass {c.variant.ballast.mass}, on both faces; glue "
+            f"{c.filling:.2f} g of steel shot into each, {c.variant.ballast.grams:g} g with the holders"
+        )
+    page = _Page("Order of work")
+    page.table([f"{i}. {step}" for i, step in enumerate(steps, start=1)])
+    return [page.figure]
+
+
+def _describe_supports(c: Content) -> str:
+    names: dict[str, list[str]] = {}
+    for name, inspection in c.inspections.items():
+        if inspection.support_levels:
+            levels = " and ".join(f"{z:g}" for z in inspection.support_levels)
+            names.setdefault(f"{levels} mm above the plate", []).append(name)
+    return "; ".join(f"{where}: {', '.join(parts)}" for where, parts in names.items())
+
+
+def _shorten(notes: list[str]) -> list[str]:
+    if len(notes) <= _MAX_NOTES:
+        return notes
+    return [*notes[:_MAX_NOTES], f"and {len(notes) - _MAX_NOTES} more in manifest.json"]
+
+
+class _Page:
+    """A page of text, filled from the top."""
+
+    def __init__(self, title: str):
+        self.figure = Figure(figsize=_PAGE)
+        self.figure.text(_LEFT, 0.955, title, fontsize=16, weight="bold")
+        self.figure.text(0.92, 0.955, "robot: ____________________", fontsize=9, ha="right")
+        self._y = _TOP
+
+    def heading(self, text: str) -> None:
+        self._y -= 1.5 * _LINE
+        self.figure.text(_LEFT, self._y, text, fontsize=11, weight="bold", va="top")
+        self._y -= 1.5 * _LINE
+
+    def list(self, items: Sequence[str]) -> None:
+        for item in items:
+            self._write("- " + item, _WRAP + 8)
+            self._y -= 0.4 * _LINE
+
+    def table(self, steps: Sequence[str]) -> None:
+        """Steps with a box to tick and room for date and initials."""
+        self.figure.text(0.70, self._y, "done     date            initials", fontsize=8, va="top")
+        self._y -= 1.6 * _LINE
+        for step in steps:
+            top = self._y
+            box = Rectangle(
+                (0.705, top - 0.013), 0.018, 0.0127, fill=False, transform=self.figure.transFigure
+            )
+            self.figure.add_artist(box)
+            self.figure.text(0.75, top, "____________  ________", fontsize=8, va="top")
+            self._write(step, _WRAP - 24)
+            self._y -= 0.6 * _LINE
+
+    def _write(self, text: str, width: int) -> None:
+        lines = textwrap.wrap(text, width, subsequent_indent="   ")
+        self.figure.text(_LEFT, self._y, "\n".join(lines), fontsize=9, va="top", linespacing=1.3)
+        self._y -= _LINE * len(lines) * 0.85

@@ -1,0 +1,217 @@
+"""The residuals of a model against the camera's noise: numbers from which a verdict follows.
+
+Intervals say how well films determine a model's parameters, not whether it is the right model. The camera's
+noise is independent from frame to frame; where a model is wrong, residuals are correlated. So the mean
+product of neighbouring residuals is the square of what noise does not explain. It is compared with the noise
+of the tracks themselves (from third differences, which need no model) and with the divergence of landings.
+Divergence must not hide a wrong model: frames in which slightly perturbed robots diverge are excluded
+(`eldir_calibration.dynamics._residuals`). `eldir_calibration.dynamics.verdict` decides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from eldir.core.records import BoolArray, FloatArray, Record
+from eldir_calibration.dynamics._residuals import (
+    compute_residual,
+    find_reproducible_frames,
+    mask_frames,
+    root_mean,
+    total_duration,
+)
+from eldir_calibration.dynamics.configuration import DEFAULT_CONFIG, IdentificationConfig
+from eldir_calibration.dynamics.recording import Recording
+
+_DIRECTIONS = ("forward", "up")
+
+
+@dataclass(frozen=True, eq=False)
+class ModelCheck(Record):
+    """Residuals of a prediction of some recordings."""
+
+    marks: tuple[str, ...]
+    correlated: FloatArray
+    """Residual that noise does not explain, forward and up, of each marker [m], shape (2, markers)."""
+    noise: float
+    """Noise of one coordinate in the tracks [m]."""
+    rms: float
+    """Root mean square of all residuals [m]."""
+    limit: float
+    """Largest `unexplained` that counts as none [m]."""
+    motion: float
+    """Motion of the markers about their means, root mean square [m]."""
+    reproducible: tuple[BoolArray, ...]
+    """The frames of each recording that were judged: perturbed robots agree there, shape (frames,)."""
+    excluded_s: tuple[float, ...]
+    """Duration of the part of each recording that was not judged [s]."""
+    is_decidable: bool = True
+    """Whether enough frames were kept to judge."""
+
+    @property
+    def unexplained(self) -> float:
+        """Residual that noise does not explain, root mean square over markers and directions [m]."""
+        return float(np.sqrt((self.correlated**2).mean()))
+
+    @property
+    def reproducible_share(self) -> float:
+        """Part of all frames that was judged."""
+        return float(np.concatenate(self.reproducible).mean())
+
+    def entries(self) -> dict[str, Any]:
+        """Its entries of `ModelNumbers`, rounded [m]."""
+        return {
+            "decided": self.is_decidable,
+            "left_out_s": tuple(_rounded(t) for t in self.excluded_s),
+            "unexplained_m": _rounded(self.unexplained),
+            "limit_m": _rounded(self.limit),
+            "motion_m": _rounded(self.motion),
+            "noise_m": _rounded(self.noise),
+            "marks": {
+                mark: {d: _rounded(v) for d, v in zip(_DIRECTIONS, self.correlated[:, i], strict=True)}
+                for i, mark in enumerate(self.marks)
+            },
+        }
+
+
+def check_model(
+    recordings: Sequence[Recording],
+    positions: Sequence[FloatArray],
+    perturbed: Sequence[FloatArray] | None = None,
+    *,
+    config: IdentificationConfig = DEFAULT_CONFIG,
+) -> ModelCheck:
+    """Checks predicted markers (frames, markers, 2) [m] of each recording. `perturbed` (n, frames, 2 markers)
+    [m]: by how much slightly perturbed robots differ, as `Residual.shape`; frames in which they diverge are
+    not judged."""
+    reproducible, chance = [np.ones(len(r.tracked.times), bool) for r in recordings], 0.0
+    if perturbed is not None:
+        reproducible, chance = find_reproducible_frames(recordings, perturbed, config)
+    products, pairs, squares, motions = [], [], [], []
+    for r, x in zip(mask_frames(recordings, reproducible), positions, strict=True):
+        residuals = compute_residual(r, np.nan_to_num(r.tracked.positions - x)).shape
+        visible = residuals != 0
+        products.append((residuals[1:] * residuals[:-1]).sum(axis=0))
+        pairs.append((visible[1:] & visible[:-1]).sum(axis=0))
+        squares.append(residuals[visible] ** 2)
+        motions.append(compute_residual(r, np.nan_to_num(r.tracked.positions)).shape[visible])
+    correlated = np.sqrt(np.maximum(sum(products), 0.0) / np.maximum(sum(pairs), 1))
+    noises = [n for n in map(track_noise, recordings) if np.isfinite(n)]
+    noise = float(np.median(noises)) if noises else 0.0
+    return ModelCheck(
+        recordings[0].tracked.names,
+        correlated.reshape(2, -1),
+        noise,
+        root_mean(np.concatenate(squares)),
+        max(config.min_limit, config.noise_share * noise + chance),
+        root_mean(np.concatenate(motions) ** 2),
+        tuple(reproducible),
+        tuple(total_duration(r, ~k) for r, k in zip(recordings, reproducible, strict=True)),
+        any(
+            total_duration(r, k & (r.tracked.times >= r.start)) >= config.min_judged_share * r.period
+            for r, k in zip(recordings, reproducible, strict=True)
+        ),
+    )
+
+
+def track_noise(recording: Recording) -> float:
+    """Standard deviation of one coordinate [m], from the median size of third differences, in which motion
+    that is smooth over four frames cancels. Of independent errors they have 20 times the variance. NaN where
+    no marker was seen in four frames in a row, as in a film with contact-sensitive frames only."""
+    x = recording.tracked.positions
+    third = x[3:] - 3 * x[2:-1] + 3 * x[1:-2] - x[:-3]
+    visible = np.abs(third[np.isfinite(third)])
+    return float(1.4826 * np.median(visible) / np.sqrt(20)) if len(visible) else np.nan
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.4g}")
+
+
+_REFERENCE_CYCLES = 5
+"""Walks are given for so many cycles (paper, Sect. Sim2Real)."""
+_NOISE_SAMPLES = 20
+_MAX_TIME_GAP = 0.1  # of a period: a marker that was seen so near to an instant has a place there
+
+
+@dataclass(frozen=True, eq=False)
+class CycleMotions(Record):
+    """Motion of the K markers in each of the C cycles of a recording that count."""
+
+    ranges: FloatArray
+    """Greatest minus least height [m], shape (C, K); NaN for a marker that was not seen."""
+    walks: FloatArray
+    """Mean forward motion of the markers that were seen at both ends of the cycle [m], shape (C,); NaN where
+    none was."""
+
+    @classmethod
+    def of(cls, recording: Recording, positions: FloatArray) -> CycleMotions:
+        """Of markers at the recording's frames [m], shape (frames, K, 2). Only frames count in which the
+        camera saw the marker."""
+        t = recording.tracked.times
+        x = np.where(np.isfinite(recording.tracked.positions), positions, np.nan)
+        ends = recording.start + recording.period * np.arange(recording.cycles + 1)
+        inside = [(t >= a) & (t <= b) for a, b in pairwise(ends)]
+        ranges = np.array([_height_ranges(x[frames, :, 1]) for frames in inside])
+        positions_at_ends = _interpolate_positions(t, x[..., 0], ends, _MAX_TIME_GAP * recording.period)
+        return cls(ranges, _mean_over_markers(np.diff(positions_at_ends, axis=0)))
+
+    def without_noise(self, recording: Recording, predicted: FloatArray) -> CycleMotions:
+        """The filmed ranges less what the tracks' noise adds to those of a motion like them (`predicted`, as
+        in `of`).
+
+        Greatest minus least of some hundred noisy heights is too large by several standard deviations of the
+        noise: of a marker that rests, the range is nothing else.
+        """
+        rng, noise = np.random.default_rng(0), track_noise(recording)
+        samples = [
+            CycleMotions.of(recording, predicted + noise * rng.standard_normal(predicted.shape)).ranges
+            for _ in range(_NOISE_SAMPLES)
+        ]
+        added = np.mean(samples, axis=0) - CycleMotions.of(recording, predicted).ranges
+        return replace(self, ranges=np.maximum(self.ranges - np.nan_to_num(added), 0.0))
+
+    def range_errors(self, predicted: CycleMotions) -> FloatArray:
+        """Mean error of the predicted ranges in each cycle, relative to the filmed mean range, shape (C,);
+        NaN where no marker was seen. A prediction that has no range, as it blew up, counts as 0."""
+        errors = np.nansum(np.abs(np.nan_to_num(predicted.ranges) - self.ranges), axis=1)
+        whole = np.nansum(self.ranges, axis=1)
+        return np.divide(errors, whole, out=np.full(len(errors), np.nan), where=whole > 0)
+
+    def per_five_cycles(self, body_length: float) -> FloatArray:
+        """Walk in each cycle in body lengths per five cycles, shape (C,). `body_length` [m]."""
+        return self.walks / body_length * _REFERENCE_CYCLES
+
+
+def _height_ranges(heights: FloatArray) -> FloatArray:
+    found = np.full(heights.shape[1], np.nan)
+    some = np.isfinite(heights).any(axis=0)
+    found[some] = np.nanmax(heights[:, some], axis=0) - np.nanmin(heights[:, some], axis=0)
+    return found
+
+
+def _interpolate_positions(
+    times: FloatArray, forward: FloatArray, instants: FloatArray, reach: float
+) -> FloatArray:
+    """Places of the markers at some instants [m], shape (instants, K); NaN for a marker that was not seen
+    within `reach` [s] of the instant."""
+    found = np.full((len(instants), forward.shape[1]), np.nan)
+    for k, x in enumerate(forward.T):
+        visible = np.isfinite(x)
+        if visible.any():
+            near = np.abs(times[visible][:, None] - instants).min(axis=0) <= reach
+            found[near, k] = np.interp(instants[near], times[visible], x[visible])
+    return found
+
+
+def _mean_over_markers(motions: FloatArray) -> FloatArray:
+    """Mean over the markers that were seen, shape (C,)."""
+    visible = np.isfinite(motions)
+    number = visible.sum(axis=1)
+    total = np.where(visible, motions, 0.0).sum(axis=1)
+    return np.divide(total, number, out=np.full(len(motions), np.nan), where=number > 0)

@@ -1,0 +1,163 @@
+"""What a filmed robot is compared with: control robots, and other bodies (the null comparison).
+
+The profile of vertical ranges over m1 to m5 fits nearly any robot of that shape, so it is shown beside the
+profiles of other bodies under the same schedule.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from eldir.built.robot import PrintedRobot, build
+from eldir.core.records import FloatArray, IntArray, Record, Rounded, record
+from eldir.design import MARKS, Design, marked_masses
+from eldir.genotype import random_genotypes
+from eldir.morphology import develop
+from eldir_calibration.report.comparison import CycleMean, Motion, agreements
+
+INTACT = "intact"
+PAPER_DISPLACEMENTS = {INTACT: 0.8, "without a motor": 0.0, "without a motor, with ballast": -0.4}
+"""Displacement of the paper's robot and its controls, in body lengths per five cycles."""
+
+
+@dataclass(frozen=True)
+class FilmedRun:
+    """One log: the filmed motion and its prediction."""
+
+    log: str
+    """Name of the log file."""
+    robot: str
+    """`INTACT`, or how it differs from the design: a key of `PAPER_DISPLACEMENTS`, or in words."""
+    detail: str
+    """Detail, such as which motor is missing; empty for the intact robot."""
+    tracked: Motion
+    predicted: Motion
+    fingerprint: str = ""
+    """Identifies the log; empty if it was not read from a file."""
+
+    @property
+    def displacement(self) -> CycleMean:
+        """Filmed displacement in body lengths per five cycles, with its interval over cycles."""
+        return CycleMean.of(self.tracked.displacements())
+
+    @property
+    def predicted_displacement(self) -> float:
+        """Predicted displacement of this robot under this schedule, in body lengths per five cycles."""
+        return self.predicted.displacement()
+
+
+def pool_displacements(runs: Sequence[FilmedRun]) -> dict[str, CycleMean]:
+    """Filmed displacement of each kind of robot over the cycles of all its runs, in the order of the runs."""
+    kinds = dict.fromkeys(run.robot for run in runs)
+    return {
+        kind: CycleMean.of(np.concatenate([r.tracked.displacements() for r in runs if r.robot == kind]))
+        for kind in kinds
+    }
+
+
+def summarise_controls(runs: Sequence[FilmedRun]) -> list[str]:
+    """Sentences about the control robots: whether their intervals differ from the intact robot's."""
+    displacements = pool_displacements(runs)
+    if INTACT not in displacements or len(displacements) == 1:
+        return []
+    sentences = []
+    whole = displacements[INTACT]
+    for kind, other in displacements.items():
+        if kind == INTACT:
+            continue
+        if np.isfinite([whole.low, whole.high, other.low, other.high]).all() and (
+            other.high < whole.low or other.low > whole.high
+        ):
+            sentences.append(
+                f"The robot {kind} walks {other.mean:+.2f}, the intact one {whole.mean:+.2f}: they differ."
+            )
+        else:
+            sentences.append(
+                f"The robot {kind} walks {other.mean:+.2f}, the intact one {whole.mean:+.2f}: their "
+                "intervals overlap, so these runs do not distinguish them."
+            )
+    return sentences
+
+
+DIRECTIONS = ("horizontal", "vertical")
+
+
+Number = Annotated[float, Rounded(9)]
+OTHER_COUNT = 5
+"""How many other robots a report simulates: as many as it has time for."""
+_SEED = 1
+
+
+@record
+class OtherDesigns(Record):
+    """Agreement of other bodies' motions with the camera's."""
+
+    count: Annotated[int, Field(ge=0)]
+    """Number of other bodies."""
+    profile_correlation: dict[str, Number]
+    """Correlation of the mean vertical ranges over the markers with the camera's, for each motion of the
+    robot itself."""
+    profile_correlation_of_others: tuple[Number, ...]
+    """The same correlation for each other body."""
+    correlation_of_others: dict[str, dict[str, Number]]
+    """Mean absolute correlation of the other bodies with the camera over a mean cycle, for each marker and
+    direction."""
+    body_lengths_per_5_cycles_of_others: tuple[Number, ...]
+    """Displacement of each other body [body lengths per five cycles]."""
+
+
+def compare_with_others(own: dict[str, Motion], tracked: Motion, others: Sequence[Motion]) -> OtherDesigns:
+    """Compare the camera with our own motions, such as simulated and predicted, and with `others`."""
+    folded = tracked.by_phase()
+    matches = [agreements(other.by_phase(), folded) for other in others]
+    correlation = {
+        name: {d: _mean([abs(match[k][d].correlation) for match in matches]) for d in DIRECTIONS}
+        for k, name in enumerate(tracked.trajectory.names)
+    }
+    return OtherDesigns(
+        len(others),
+        {kind: _profile_correlation(motion, tracked) for kind, motion in own.items()},
+        tuple(_profile_correlation(other, tracked) for other in others),
+        correlation,
+        tuple(other.displacement() for other in others),
+    )
+
+
+def _profile_correlation(motion: Motion, tracked: Motion) -> float:
+    a, b = (_mean_ranges(m) for m in (motion, tracked))
+    good = np.isfinite(a) & np.isfinite(b)
+    if good.sum() < 3 or np.ptp(a[good]) == 0 or np.ptp(b[good]) == 0:
+        return float("nan")
+    return float(np.corrcoef(a[good], b[good])[0, 1])
+
+
+def _mean_ranges(motion: Motion) -> FloatArray:
+    ranges = motion.vertical_ranges()
+    some = np.isfinite(ranges).any(axis=0)
+    means = np.full(ranges.shape[1], np.nan)
+    means[some] = np.nanmean(ranges[:, some], axis=0)
+    return means
+
+
+def _mean(values: list[float]) -> float:
+    return float(np.mean(values)) if values else float("nan")
+
+
+def sample_other_robots(design: Design) -> list[tuple[PrintedRobot, IntArray]]:
+    """Built random robots, as in a first generation, of the same lattice with as many motors, and their
+    markers; the same for every report."""
+    rng = np.random.default_rng(_SEED)
+    motors = design.morphology.motors
+    robots: list[tuple[PrintedRobot, IntArray]] = []
+    for _ in range(20):
+        for genotype in random_genotypes(design.lattice, 4 * OTHER_COUNT, rng, motors):
+            body = develop(design.lattice, genotype)
+            marks = marked_masses(body)
+            if body.motors == motors and len(marks) == MARKS and len(robots) < OTHER_COUNT:
+                robots.append((build(body), marks))
+    return robots
