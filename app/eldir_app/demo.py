@@ -101,7 +101,7 @@ def _evolve_shortlist(folder: Path, config: DemoConfig, progress: Progress) -> S
     )
 
     def is_done(search: PrintedSearch) -> bool:
-        return search.generation > config.min_generations and walks_well(search)
+        return search.generation > config.min_generations and has_good_walker(search)
 
     def show(search: PrintedSearch, fraction: float) -> None:
         completed = (search.generation + fraction) / (config.max_generations + 1)
@@ -167,7 +167,7 @@ def choose_design(shortlist: Shortlist) -> RankedDesign:
     return max(similar, key=lambda c: len(marked_masses(c.design.morphology)))  # the first of equals
 
 
-def walks_well(search: PrintedSearch) -> bool:
+def has_good_walker(search: PrintedSearch) -> bool:
     """Whether a robot walks as far as the demo requires, by enough samples to be sure."""
     return any(w.fitness >= _GOOD_FITNESS and len(w.walks) >= MAX_SAMPLES for w in search.archive.ranked())
 

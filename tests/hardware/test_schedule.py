@@ -266,7 +266,7 @@ def test_a_fresh_real_rig_does_not_arm(tmp_path):
     ("old", "new", "code", "key", "said"),
     [
         ("kind: lcus", "kind: a0", "rig.inconsistent", "board.kind", "expected feedback | gd32 | lcus |"),
-        ("channel: 2", "channel: 1", "rig.inconsistent", None, "each relay channel once"),
+        ("channel: 2", "channel: 1", "rig.inconsistent", None, "a relay channel is listed twice"),
         ("channels: 4", "channels: 2", "rig.inconsistent", None, "does not exist: the board has 2 channels"),
         ("contact_rating_a: 10", "contact_rating: 10", "rig.missing-key", "board.contact_rating_a", ""),
         ("channels: 4", "channels: 12", "rig.inconsistent", "board", "lcus has at most 8 channels"),

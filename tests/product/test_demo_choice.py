@@ -12,7 +12,7 @@ from eldir.evolution.printed.search import PrintedSearch
 from eldir.genotype import random_genotypes
 from eldir.lattice import Lattice
 from eldir.morphology import develop
-from eldir_app.demo import choose_design, walks_well
+from eldir_app.demo import choose_design, has_good_walker
 from eldir_cad.shortlist.ranking import Shortlist
 from tests.eldir.evolution.printed.small_searches import SMALL, genomes
 from tests.raised import raises
@@ -63,5 +63,5 @@ def test_without_a_design_it_says_why():
 def test_a_robot_walks_well_if_it_is_known_to(walks, enough):
     """Too few samples, too short a walk, and one that is far in the mean but not steadily so."""
     walker = Walker(1, -1, 0, genomes(1)[0], Niche(1, 1, 1, 1), np.array(walks))
-    assert walks_well(PrintedSearch(SMALL, archive=Archive({walker.niche: walker}))) == enough
-    assert not walks_well(PrintedSearch(SMALL))
+    assert has_good_walker(PrintedSearch(SMALL, archive=Archive({walker.niche: walker}))) == enough
+    assert not has_good_walker(PrintedSearch(SMALL))

@@ -106,7 +106,7 @@ def fit_spring(recording: SpringRecording, former: SpringParameters) -> SpringFi
     noise = estimate_noise(recording.temperature)
     solution = _solve(model, names, recording, noise)
     _logger.info(
-        "fitted %s to %d samples, %d of them good",
+        "fitted the parameters %s to %d samples, of which %d are no outliers",
         ", ".join(names) or "nothing",
         len(recording.time),
         solution.good.sum(),

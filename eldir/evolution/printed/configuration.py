@@ -70,7 +70,7 @@ class PrintedEvolutionConfig(Record):
 
 
 @dataclass(frozen=True)
-class Workshop:
+class BuildConditions:
     """Conditions that printed robots must keep, and their nominal parameters."""
 
     printed: BuiltParameters

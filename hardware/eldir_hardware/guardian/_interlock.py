@@ -14,7 +14,7 @@ from eldir_hardware.guardian._forecast import HORIZON, MAX_PULSES, Forecast, Hea
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.safety import limits
 from eldir_hardware.safety.limits import LimitError
-from eldir_hardware.safety.spring_memory import SpringHeat, Springs, merge_intervals, possible_heat
+from eldir_hardware.safety.spring_memory import SpringHeat, Springs, merge_intervals, possible_spring_states
 
 _MODEL_STEP = 0.1  # while something heats [s]
 _COOL_DIFFERENCE = 2.0  # above the air, where a schedule begins that was checked from cold springs [K]
@@ -69,7 +69,7 @@ class Interlock:
             c: heat for c, heat in before.items() if c not in self._column
         }  # of another rig file
         for channel, column in self._column.items():
-            stored = possible_heat(before, channel, self._places[channel])
+            stored = possible_spring_states(before, channel, self._places[channel])
             begun = [
                 SpringState(np.maximum(h.temperature_c, ambient), np.array(h.martensite)) for h in stored
             ]

@@ -206,7 +206,7 @@ def serve_parent(connection: Connection) -> None:
     try:
         run.drive()
     except EldirError as error:
-        run.report_end(error)
+        run.report_error(error)
 
 
 class _Run:
@@ -253,7 +253,7 @@ class _Run:
                 _logger.info("stopped, %s: %s", controller.proof or "not proven off", error)
                 raise
 
-    def report_end(self, error: EldirError) -> None:
+    def report_error(self, error: EldirError) -> None:
         """Report the error and what was proven to the parent, or to the terminal if it has died."""
         controller, is_proven = self._controller, not isinstance(error, NotProvenOffError)
         reason, proof = str(error), None

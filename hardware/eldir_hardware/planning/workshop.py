@@ -10,7 +10,7 @@ import numpy as np
 from eldir import defaults
 from eldir.built.gait import Gait
 from eldir.errors import InputError
-from eldir.evolution.printed.configuration import Workshop
+from eldir.evolution.printed.configuration import BuildConditions
 from eldir.evolution.printed.genome import Timing
 from eldir.morphology import Morphology
 from eldir_cad.checks.buildability import check
@@ -23,7 +23,7 @@ from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.template import CURRENT_LIMIT_A
 
 
-def make_workshop(rig: Path | None = None) -> Workshop:
+def make_workshop(rig: Path | None = None) -> BuildConditions:
     """The default parts and printer with this rig, or with the rig of the template.
 
     Raises `InputError` if the rig allows none of the heating times.
@@ -39,9 +39,9 @@ def make_workshop(rig: Path | None = None) -> Workshop:
     if rig is None:
         default_timings = tuple(Timing(*timing) for timing in defaults.PRINTED_TIMINGS)
         springs = replace(springs, current_limit=CURRENT_LIMIT_A)
-        return Workshop(printed, springs, defaults.PRINTED_MOTORS, default_timings, rejection_reason)
+        return BuildConditions(printed, springs, defaults.PRINTED_MOTORS, default_timings, rejection_reason)
     loaded = Rig.load(rig)
-    return Workshop(
+    return BuildConditions(
         printed, loaded.spring_parameters(), loaded.motors, allowed_timings(loaded), rejection_reason
     )
 

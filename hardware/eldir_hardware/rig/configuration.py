@@ -110,7 +110,7 @@ class Rig(Section):
     def _consistent(self) -> Rig:
         numbers = [c.channel for c in self.channels]
         if len(set(numbers)) != len(numbers):
-            raise ValueError("channels: expected each relay channel once")
+            raise ValueError("channels: a relay channel is listed twice")
         numbers += [c for c in (self.fan_channel, self.master_channel) if c is not None]
         if len(set(numbers)) != len(numbers):
             raise ValueError("the channel of the fan or the contactor also heats a spring")

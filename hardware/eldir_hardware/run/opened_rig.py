@@ -83,11 +83,11 @@ def open_rig(
     """The rig as a context. On a virtual rig with a design, `on_body` gets the positions in every frame."""
     if rig.kind == "virtual" and design is not None:
         return _open_virtual(rig, design, schedule, on_body)
-    return _open_without_robot(rig)
+    return _open_unsimulated(rig)
 
 
 @contextmanager
-def _open_without_robot(rig: Rig) -> Iterator[OpenedRig]:
+def _open_unsimulated(rig: Rig) -> Iterator[OpenedRig]:
     """A real rig with its camera, or a virtual one without a robot."""
     if rig.kind == "real" and isinstance(rig.camera, LiveCameraEntry):
         with LiveCamera(rig.camera) as camera, open_bank(rig) as opened:

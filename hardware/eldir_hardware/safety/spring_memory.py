@@ -112,7 +112,7 @@ def springs_at_limit(rig: Rig) -> dict[int, SpringHeat]:
     return dict.fromkeys(range(1, rig.board.channels + 1), hot)
 
 
-def possible_heat(springs: Springs, channel: int, place: SpringPlace) -> list[SpringHeat]:
+def possible_spring_states(springs: Springs, channel: int, place: SpringPlace) -> list[SpringHeat]:
     """All possible states of the spring that this channel heats now; empty if it is cold.
 
     Temperatures belong to the spring, and pulses to the channel: both count. If the channel heated another or
@@ -251,7 +251,7 @@ def _parse_springs(values: dict[str, Any]) -> Springs | None:
     # After a restart of the computer they have cooled at least since then.
     age = uptime() - (file.at if file.boot == _boot_id() else 0.0)
     if not age >= 0:
-        raise ValueError("the time in the file is in the future")
+        raise ValueError("the saved time is later than the uptime of this computer")
     return file.springs and {channel: heat.aged_by(age) for channel, heat in file.springs.items()}
 
 

@@ -66,7 +66,7 @@ def switch_off(target: OffTarget, shared: Path = SHARED_FOLDER) -> OffResult:
         _logger.info("sent the frames of all-off to %s", target.port)
         clock, sent_at = WallClock(), time.monotonic()
         latch_problem = latch(target.device, OFF_REASON, shared=shared)
-        stopper.wait_until_free(port, send)
+        stopper.wait_until_port_is_free(port, send)
         if not stopper.is_free:
             return OffResult(target.port, False, f"{stopper.report}its report cannot be read")
         if was_accepted and any(channels is None for _, channels in candidates):
@@ -262,7 +262,7 @@ class HolderStopper:
                 owner = "" if holder.user is None else f" of user {holder.user}"
                 self.report += f"process {holder.process}{owner} cannot be ended: {error.strerror}; "
 
-    def wait_until_free(self, port: UnlockedPort, send: Callable[[], object]) -> None:
+    def wait_until_port_is_free(self, port: UnlockedPort, send: Callable[[], object]) -> None:
         """Wait until no program holds the port."""
         started_at = sent = time.monotonic()
         while time.monotonic() - started_at < PORT_TIMEOUT:

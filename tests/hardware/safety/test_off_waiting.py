@@ -92,7 +92,7 @@ TERM, KILL = signal.SIGTERM, signal.SIGKILL
 def ended(holders: Holders) -> HolderStopper:
     stopper = HolderStopper(PORT)
     stopper.request_end(may_kill=False)
-    stopper.wait_until_free(holders, holders.send)
+    stopper.wait_until_port_is_free(holders, holders.send)
     return stopper
 
 
