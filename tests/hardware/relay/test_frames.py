@@ -110,8 +110,9 @@ def test_the_log_has_the_bytes_of_the_sensor(log):
         driver = CurrentSensor(sensor.port, "ina226", [1, 2], WallClock())
         assert driver.measure().currents[1] == pytest.approx(1.5, rel=0.05)
         driver.close()
-        assert logged(log, "to", sensor.port) == sensor.received != b""
-        assert logged(log, "from", sensor.port) == sensor.sent != b""
+        # The sensor enters what it has read after it has answered.
+        assert wait(lambda: logged(log, "to", sensor.port) == sensor.received != b"")
+        assert wait(lambda: logged(log, "from", sensor.port) == sensor.sent != b"")
 
 
 def test_frames_past_the_lock_are_logged(log):
