@@ -74,10 +74,11 @@ def _measure(arguments: argparse.Namespace, scratch: Path) -> dict[str, Any]:
         before = os.getloadavg()[0]
         compared[name] = {**compare(), "load_average": [round(before, 1), round(os.getloadavg()[0], 1)]}
     machine = describe()
+    # Results are published: nothing about a person's folders.
     del (
         machine["eldir"]["folder"],
         machine["variables"],
-    )  # results are published: nothing about a person's folders
+    )
     return {"measured": datetime.now(UTC).date().isoformat(), "machine": machine, "comparisons": compared}
 
 

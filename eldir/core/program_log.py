@@ -131,9 +131,8 @@ class UnblockedStderr(io.TextIOBase):
 
 def _sender() -> Callable[[bytes], int]:
     """Writes what stderr takes at once. Other programs share it, so it is not made non-blocking itself."""
-    if (
-        sys.stderr is None
-    ):  # closed by the caller: the next file that is opened, such as a port, has its number
+    # Closed by the caller: the next file that is opened, such as a port, has its number.
+    if sys.stderr is None:
         return len
     mode = os.fstat(2).st_mode
     if stat.S_ISREG(mode):  # one that is opened again would be written from its beginning

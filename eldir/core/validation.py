@@ -42,9 +42,8 @@ _PRIVATE = {half: half + 0x102000 for half in range(0xD800, 0xE000)}
 def adapter(kind: Any) -> TypeAdapter[Any]:
     """Pydantic's reader and writer of a type."""
     if is_pydantic_dataclass(kind):
-        rebuild_dataclass(
-            kind
-        )  # of a class that was never used `TypeAdapter` ignores parts of the configuration
+        # Of a class that was never used `TypeAdapter` ignores parts of the configuration.
+        rebuild_dataclass(kind)
     return TypeAdapter(kind)
 
 

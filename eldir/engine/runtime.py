@@ -137,12 +137,13 @@ def make_kernel(
         record=_construction(record, ""),
     )
     file = f"<kernel of {record.__module__}.{record.__name__}>"
+    # Taichi reads it there.
     linecache.cache[file] = (
         len(source),
         None,
         source.splitlines(keepends=True),
         file,
-    )  # Taichi reads it there
+    )
     scope = {"__name__": __name__, "ti": ti, "types": types, "work": work} | _records(record)
     exec(compile(source, file, "exec", dont_inherit=True), scope)
     kernel = ti.kernel(scope["launch_" + record.__name__])

@@ -66,9 +66,8 @@ class SerialOutput:
         """
         deadline = time.monotonic() + (self._queued() + len(data)) * BITS_PER_BYTE / baud + patience
         while True:
-            late = (
-                time.monotonic() > deadline
-            )  # determined first: this program itself may have been suspended
+            # Read before writing: this program itself may have been suspended meanwhile.
+            late = time.monotonic() > deadline
             with suppress(BlockingIOError):
                 data = data[os.write(self._file_descriptor, data) :] if data else data
             if not data and not self._queued():

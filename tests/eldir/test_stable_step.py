@@ -159,9 +159,8 @@ def test_speeds_at_the_limit_of_floats_are_told(stiffness: float) -> None:
 def test_landing_exactly_at_a_corner(precision: str) -> None:
     """A mass falls straight down onto where two segments meet, between a climb and a descent."""
     body = extreme("triangle")
-    ridge = Terrain.from_segments(
-        np.array([-1.0, 0.05]), np.array([0.5, -0.5]), np.array([0.075, 0.125])
-    )  # highest, 0.1 m, at x = 0.05 m
+    # Highest, 0.1 m, at x = 0.05 m.
+    ridge = Terrain.from_segments(np.array([-1.0, 0.05]), np.array([0.5, -0.5]), np.array([0.075, 0.125]))
     inverted = replace(body, positions=np.array([[0.025, 0.16], [0.05, 0.12], [0.075, 0.16]]))
     scene = PAPER.replace(terrain=ridge, precision=precision, steps=400, large_step="run")
     (rollout,) = simulate([inverted], [silent(inverted)], scene)

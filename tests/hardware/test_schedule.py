@@ -190,9 +190,8 @@ def test_what_is_compiled_breaks_no_limit(period, springs, budget):
         assert dt * (off - on).max(initial=0) <= rig.limits.max_on_s + dt + 1e-9
         assert dt * (on[1:] - off[:-1]).min(initial=1e6) >= rig.limits.min_off_s - dt - 1e-9
     worst = limits.worst_springs(rig)
-    assert (
-        heat(states, dt, worst).temperature.max() <= rig.limits.max_temperature_c + 0.3
-    )  # rounding of the samples
+    # Rounding of the samples.
+    assert heat(states, dt, worst).temperature.max() <= rig.limits.max_temperature_c + 0.3
 
 
 # What schedules say of themselves.

@@ -19,9 +19,8 @@ from eldir_hardware.schedule import ActuationSchedule
 MAX_ROWS = 20_000
 """Rows of a curve; beyond it every second row of the older half is dropped."""
 _RATE_WINDOW_S = 3.0  # over which the frame rate of the camera is measured
-_RESUMED = re.compile(
-    r"resumed: cycle (\d+) begins again at ([\d.]+) s"
-)  # status of eldir_hardware.run.player
+# Status of eldir_hardware.run.player.
+_RESUMED = re.compile(r"resumed: cycle (\d+) begins again at ([\d.]+) s")
 _LEVEL_OK = 0  # of diagnostic_msgs
 
 

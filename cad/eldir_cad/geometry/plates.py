@@ -96,9 +96,8 @@ def _arrange(
         remaining = [name for name in sorted(group, key=lambda n: (sizes[n], n)) for _ in range(counts[name])]
         while remaining:
             extents = np.array([sizes[name][:2] for name in remaining])
-            room = (
-                _printable_volume(printer)[:2] + printer.spacing
-            )  # the packing adds half a spacing on each side
+            # The packing adds half a spacing on each side.
+            room = _printable_volume(printer)[:2] + printer.spacing
             bounds, fits = packing.rectangles(
                 extents, size=room, spacing=printer.spacing / 2, iterations=1, rotate=True
             )

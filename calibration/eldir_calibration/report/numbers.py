@@ -73,9 +73,8 @@ class _MarkerNumbers(Record):
 
 
 @record
-class MotionNumbers(
-    ComparedNumbers, _MarkerNumbers
-):  # in the file, the entries of the last base are the first
+# In the file, the entries of the last base are the first.
+class MotionNumbers(ComparedNumbers, _MarkerNumbers):
     """The size of the motion of one marker in one direction [m], predicted and filmed."""
 
     @classmethod

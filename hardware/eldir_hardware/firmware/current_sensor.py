@@ -127,9 +127,8 @@ class CurrentSensor:
         address = 0
         try:
             for address in self.chips:
-                self.bus.write(
-                    address, 0, self.kind.configuration
-                )  # stops a running measurement and starts another
+                # Stops a running measurement and starts another.
+                self.bus.write(address, 0, self.kind.configuration)
             waiting = list(self.chips)
             for _ in range(2 + self.kind.window_us // 1000):
                 self.bus.wait(1)

@@ -216,9 +216,8 @@ class Guardian(HeaterBank, Resource):
         self._checked_at = now
         if not self._armed or now <= self._answer_due:
             return
-        if (
-            checked_at < self._answer_due - _MAX_SILENCE / 2
-        ):  # this process itself was suspended: wait once more
+        # This process itself was suspended: wait once more.
+        if checked_at < self._answer_due - _MAX_SILENCE / 2:
             self._answer_due = now + _MAX_SILENCE / 2
             return
         self._process.kill()

@@ -192,9 +192,8 @@ class MeasuredHeat:
         A channel that was switched shortly before the measurement is skipped. Until the supply was measured,
         it counts as switched off, as in a rehearsal.
         """
-        in_order = sorted(
-            self._channels, key=lambda channel: channel in self._closed
-        )  # channels that must be cold first
+        # Channels that must be cold first.
+        in_order = sorted(self._channels, key=lambda channel: channel in self._closed)
         for channel in in_order:
             if self._switched_at.get(channel, -float("inf")) + self._wait(channel) > measured.started_at:
                 continue

@@ -97,15 +97,13 @@ class MarkerTracker(ABC, Generic[D]):
         """Remedy where the notes explain why markers were not found."""
         self._layout = None if layout is None else np.asarray(layout, np.float64).reshape(len(names), 2)
         self._first_sizes: FloatArray | None = None
-        self._last_positions: FloatArray = np.full(
-            (len(names), 2), np.nan
-        )  # of each when it was last visible [m]
+        # Of each when it was last visible [m].
+        self._last_positions: FloatArray = np.full((len(names), 2), np.nan)
         self._last_times: FloatArray = np.zeros(len(names))  # of these positions [s]
         self._offsets: FloatArray = np.zeros((len(names), len(names), 2))  # of each from each other [m]
         self._max_distances: FloatArray = np.zeros((len(names), len(names)))
-        self._reference_layout: FloatArray = np.zeros(
-            (len(names), 2)
-        )  # of the design, or of the first frame [m]
+        # Of the design, or of the first frame [m].
+        self._reference_layout: FloatArray = np.zeros((len(names), 2))
         self._next_layout_check = np.inf  # [s]
         self._next_search = np.inf  # [s]
         self._search_interval = _CHECK_INTERVAL / 2

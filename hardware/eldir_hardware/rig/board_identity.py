@@ -221,9 +221,8 @@ def _read_kernel_marks(sys: Path, rdev: int) -> set[str]:
     for folder in (place, *place.parents)[:_MAX_PARENTS]:
         interface = interface or _read_text(folder / "bInterfaceNumber")
         if vendor := _read_text(folder / "idVendor"):
-            socket = re.sub(
-                r"^\d+-", "", folder.name
-            )  # the bus number depends on the order of the controllers
+            # The bus number depends on the order of the controllers.
+            socket = re.sub(r"^\d+-", "", folder.name)
             above = re.sub(r"/usb\d+(?=/|$)", "/usb", str(folder.parent.relative_to(sys.resolve())))
             above = re.sub(r"/\d+-", "/", above)
             marks = {f"path:{above}/{socket}:{interface}:{number}"}

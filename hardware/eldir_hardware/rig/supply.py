@@ -20,10 +20,8 @@ from eldir.parameters.springs import (
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.sections import SpringEntry
 
-_MAX_AIR_SPEED, _HOT_TEMPERATURE = (
-    5.0,
-    90.0,
-)  # stream of a strong fan [m/s], spring at the highest ceiling [C]
+_MAX_AIR_SPEED = 5.0  # of a strong fan [m/s]
+_HOT_TEMPERATURE = 90.0  # spring at the highest temperature limit [C]
 
 
 class LimitError(EldirError):

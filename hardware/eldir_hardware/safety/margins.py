@@ -10,11 +10,10 @@ from eldir_hardware.safety.limits import LimitError, check_heat, on_fractions
 from eldir_hardware.safety.worst_heat import run_until_periodic
 from eldir_hardware.schedule import ActuationSchedule, HeatMargins
 
-_CURRENT_SEARCH, _AMBIENT_SEARCH, _PULSE_SEARCH = (
-    (2.0, 0.01),
-    (40.0, 0.1),
-    (6.0, 0.02),
-)  # largest value and tolerance of the search [A, K, s]
+# Largest value and tolerance of each search.
+_CURRENT_SEARCH = (2.0, 0.01)  # [A]
+_AMBIENT_SEARCH = (40.0, 0.1)  # [K]
+_PULSE_SEARCH = (6.0, 0.02)  # [s]
 
 
 def heat_margins(schedule: ActuationSchedule, rig: Rig) -> HeatMargins:

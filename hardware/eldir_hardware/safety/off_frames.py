@@ -127,9 +127,8 @@ class UnlockedPort:
         control = termios.CS8 | termios.CREAD | termios.CLOCAL | speed
         raw: list[object] = [0, 0, control, 0, speed, speed, mode[6]]
         if mode[:6] != raw[:6]:
-            time.sleep(
-                max(self._transmitted_at - time.monotonic(), 0.0)
-            )  # earlier bytes may still be transmitted
+            # Earlier bytes may still be transmitted.
+            time.sleep(max(self._transmitted_at - time.monotonic(), 0.0))
             termios.tcsetattr(self._handle, termios.TCSANOW, raw)  # type: ignore[arg-type]
 
     def is_free(self) -> bool:

@@ -21,11 +21,9 @@ from eldir.errors import EldirError
 SHARED_FOLDER = Path("/var/lib/eldir")
 """Made by an administrator: owned by root, mode 2770, and the group that drives rigs here."""
 _MAX_BYTES = 65_536  # of a file [bytes]
-_MAX_ENTRIES = 1024  # entries
-_LOCK_TIMEOUT, _POLL_INTERVAL = (
-    0.2,
-    0.002,
-)  # while another program changes files [s]: a stop must not wait longer
+_MAX_ENTRIES = 1024
+_LOCK_TIMEOUT = 0.2  # [s]; a stop must not wait longer for another program
+_POLL_INTERVAL = 0.002  # [s]
 _OPEN = os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOCTTY
 
 

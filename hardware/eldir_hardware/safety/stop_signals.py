@@ -41,9 +41,8 @@ class StopSignals:
         An error is printed before the handlers are restored: a repeated signal then only interrupts what
         follows, such as the end of the log.
         """
-        if (
-            threading.current_thread() is not threading.main_thread()
-        ):  # only the main thread may handle signals
+        # Only the main thread may handle signals.
+        if threading.current_thread() is not threading.main_thread():
             yield
             return
         before = {s: signal.signal(s, self._on_signal) for s in _SIGNALS if _is_handled(s)}

@@ -24,10 +24,8 @@ from eldir_hardware.vision.tracking_quality import TrackingQuality
 
 _ZOOM = 2  # of the overlay
 _LABEL_SIZE = (18.0, 10.0)  # room of a marker's name on the overlay [px]
-_MIN_BRIGHTNESS, _MIN_COLOUR_RANGE = (
-    100,
-    12,
-)  # brightest pixel, and largest difference of a pixel's colours [grey levels]
+_MIN_BRIGHTNESS = 100  # of the brightest pixel [grey levels]
+_MIN_COLOUR_RANGE = 12  # largest difference of a pixel's colours [grey levels]
 _COARSE_ROWS = 24  # only every n-th row is compared first; this distinguishes most pictures
 
 

@@ -78,9 +78,8 @@ def test_degrees_of_freedom_without_motors():
     assert degrees_of_freedom(wheel.positions, np.delete(wheel.springs, 0, axis=0)) == 0  # one spare
     rim = wheel.springs[~spokes]
     others = np.delete(np.arange(7), hub)
-    assert (
-        degrees_of_freedom(wheel.positions[others], np.searchsorted(others, rim)) == 3
-    )  # six bars in a ring
+    # Six bars in a ring.
+    assert degrees_of_freedom(wheel.positions[others], np.searchsorted(others, rim)) == 3
 
 
 @settings(max_examples=25, deadline=None)

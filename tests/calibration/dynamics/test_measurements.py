@@ -35,9 +35,8 @@ def test_meters_tell_the_heat_capacity() -> None:
     """A film tells the square of the current by the heat capacity, times the resistance. All normal,
     what is left of the heat's after readings is in closed form."""
     names = tuple(PARAMETERS)
-    fixed = np.array(
-        [0.0 if PARAMETERS[n].unobservable else 1e12 for n in names]
-    )  # by a film that tells all it can
+    # By a film that tells all it can.
+    fixed = np.array([0.0 if PARAMETERS[n].unobservable else 1e12 for n in names])
     sds = {}
     across = 4.0 * NOMINAL.springs.resistance
     for read in (Measurements(), Measurements(current=4.0), Measurements(current=4.0, voltage=across)):

@@ -95,9 +95,8 @@ def test_the_bytes_of_every_command(kind):
         p.clock.sleep_until(1.0)
         assert p.requests == raw(kind, before)
         p.board.all_off()
-        assert b"".join(p.requests) == b"".join(
-            raw(kind, counted)
-        )  # what it does not know, it drops bytewise
+        # What it does not know, it drops bytewise.
+        assert b"".join(p.requests) == b"".join(raw(kind, counted))
         p.board.all_off()
         assert b"".join(p.requests) == b"".join(raw(kind, counted + KNOWN_OFF.get(kind, off) + later))
         assert p.board.bytes_written == sum(map(len, p.requests))

@@ -142,9 +142,10 @@ class Selection:
             line = max(inside, key=lambda s: (s.lineno, -(s.end_lineno or 0))).lineno
             return self.tests[mutant.module, line]
         for node in ast.walk(tree):
+            # A default of a parameter, or a decorator.
             if isinstance(node, ast.FunctionDef) and mutant.line in range(
                 min([node.lineno, *(d.lineno for d in node.decorator_list)]), node.body[0].lineno
-            ):  # a default
+            ):
                 return set().union(
                     *(self.tests[mutant.module, s.lineno] for s in ast.walk(node) if hasattr(s, "lineno"))
                 )

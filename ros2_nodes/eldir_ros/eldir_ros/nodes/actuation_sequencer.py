@@ -105,9 +105,8 @@ class ActuationSequencerNode(RigNode):
     def _start_goal(self, goal: Any) -> None:
         self._interrupt(runs.PREEMPTED, "another schedule was sent")
         client = goal.request.client
-        self._client_heartbeats.update(
-            client, "active", time.monotonic()
-        )  # the goal itself counts as a heartbeat
+        # The goal itself counts as a heartbeat.
+        self._client_heartbeats.update(client, "active", time.monotonic())
         with self._goals_lock:
             self._goals[bytes(goal.goal_id.uuid)] = _GoalLink(self, goal, lambda: self._missing(client))
         goal.execute()
