@@ -26,6 +26,8 @@ from eldir.scene import TRAINING_FIELDS, Scene
 
 MARKS = 5
 _ROUNDING = 9  # decimals [m] below which two distances or heights are the same
+_BALLAST = re.compile(r"(?P<grams>\d+(\.\d+)?)\s*g@(?P<place>front|rear|\d+)")
+_MAX_GRAMS = 100.0
 
 
 def marked_masses(morphology: Morphology) -> IntArray:
@@ -90,10 +92,6 @@ def _distance_to_motors(morphology: Morphology, points: FloatArray) -> FloatArra
     reach = points[:, None] - a
     share = np.clip((reach * along).sum(-1) / (along**2).sum(-1), 0.0, 1.0)
     return np.linalg.norm(reach - share[..., None] * along, axis=-1).min(axis=1)
-
-
-_BALLAST = re.compile(r"(?P<grams>\d+(\.\d+)?)\s*g@(?P<place>front|rear|\d+)")
-_MAX_GRAMS = 100.0
 
 
 @record

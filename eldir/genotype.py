@@ -16,6 +16,8 @@ from eldir.core.arguments import require_whole_number
 from eldir.core.records import BoolArray, IntArray, Record
 from eldir.lattice import Lattice
 
+_TEXT = {"type": "string", "pattern": "^[01]+$"}
+
 
 def _bits(text: object) -> list[bool]:
     if not isinstance(text, str) or set(text) - {"0", "1"}:
@@ -33,7 +35,6 @@ def _text(bits: BoolArray) -> str:
     return "".join("01"[int(b)] for b in bits)
 
 
-_TEXT = {"type": "string", "pattern": "^[01]+$"}
 _Mask = Annotated[
     BoolArray,
     PlainValidator(_rows),

@@ -25,6 +25,31 @@ Integrator = Literal["paper", "matched", "second-order"]
 
 SOFTENING = 1e-4
 """Constant that is added to every spring's length [m] (docs/decisions/0001)."""
+_PRESETS: dict[str, dict[str, Any]] = {
+    "paper": {},
+    "released-rss": {"sensing": "centre", "weights": "released"},
+    "released-main": {
+        "contact": "friction-released",
+        "sensing": "centre",
+        "weights": "released",
+    },
+    "built": {
+        "contact": "coulomb",
+        "dt": 0.05,
+        "gravity": BuiltParameters.gravity,
+        "damping": BuiltParameters.drag,
+        "stiffness": BuiltParameters.tension,
+        "precision": "f64",
+        "built": BuiltParameters(),
+    },
+}
+TRAINING_FIELDS = ("optimiser", "update_length", "jump_threshold")
+"""Former fields of a scene, which older files hold; now in `eldir.training.configuration.TrainingConfig`."""
+_STEPS_MEASURED_AT = 3e4  # stiffness [N/m]
+_MAX_STEPS = ((3e-3, 1.6e-3), (1e-3, 8e-4), (3e-4, 3.2e-4), (1e-4, 1e-4), (4e-5, 5e-5))
+"""Error [m], and the second-order scheme's step [s] at which nine robots in ten stay well below it."""
+_SHARED = {"gravity": "gravity", "damping": "drag", "stiffness": "tension"}
+"""Fields of a scene and of its built robot that mean the same."""
 
 
 class Scheme(NamedTuple):
@@ -210,33 +235,6 @@ class Scene(Record):
     def upgrade(cls, values: dict[str, Any]) -> dict[str, Any]:
         """Older files hold the training in the scene; `EvolutionConfig` and `Design` take it from there."""
         return {key: value for key, value in values.items() if key not in TRAINING_FIELDS}
-
-
-_PRESETS: dict[str, dict[str, Any]] = {
-    "paper": {},
-    "released-rss": {"sensing": "centre", "weights": "released"},
-    "released-main": {
-        "contact": "friction-released",
-        "sensing": "centre",
-        "weights": "released",
-    },
-    "built": {
-        "contact": "coulomb",
-        "dt": 0.05,
-        "gravity": BuiltParameters.gravity,
-        "damping": BuiltParameters.drag,
-        "stiffness": BuiltParameters.tension,
-        "precision": "f64",
-        "built": BuiltParameters(),
-    },
-}
-TRAINING_FIELDS = ("optimiser", "update_length", "jump_threshold")
-"""Former fields of a scene, which older files hold; now in `eldir.training.configuration.TrainingConfig`."""
-_STEPS_MEASURED_AT = 3e4  # stiffness [N/m]
-_MAX_STEPS = ((3e-3, 1.6e-3), (1e-3, 8e-4), (3e-4, 3.2e-4), (1e-4, 1e-4), (4e-5, 5e-5))
-"""Error [m], and the second-order scheme's step [s] at which nine robots in ten stay well below it."""
-_SHARED = {"gravity": "gravity", "damping": "drag", "stiffness": "tension"}
-"""Fields of a scene and of its built robot that mean the same."""
 
 
 def largest_step(error: float, stiffness: float) -> float:

@@ -30,6 +30,15 @@ _PULSE_S, _SECOND_PULSE_S = 0.8, 0.4
 """Length of a pulse, and when the second one is sent: the contact opens at 0.8 s if that is ignored, at 1.2 s
 if the timer restarts."""
 _TIMER_TOLERANCE_S = 0.15  # timers count in 0.1 s, and the read-back takes time
+MAX_TOUCH_C = 48.0
+"""Temperature that no spring within the tolerances exceeds: a surface that may be touched for ten minutes
+(ISO 13732-1, table 1)."""
+PAUSE_S = 4.0
+"""Time between two pulses, to look at the springs and to touch them."""
+_TIMER_STEP_S = 0.1  # resolution of the timers of boards
+_MIN_PULSE_S = 0.5  # a shorter pulse could end between two read-backs
+_LENGTHWISE = ("rear end", "middle", "front end")
+_HEIGHTS = ("low", "half-way up", "high")
 
 
 def measure_retriggerable(board: RelayBoard, clock: Clock, channel: int) -> bool:
@@ -83,17 +92,6 @@ def _closed_time(board: RelayBoard, clock: Clock, channel: int, second_pulse: fl
         code="doctor.stays-closed",
         remedy="cut the supply; do not use this board for pulses",
     )
-
-
-MAX_TOUCH_C = 48.0
-"""Temperature that no spring within the tolerances exceeds: a surface that may be touched for ten minutes
-(ISO 13732-1, table 1)."""
-PAUSE_S = 4.0
-"""Time between two pulses, to look at the springs and to touch them."""
-_TIMER_STEP_S = 0.1  # resolution of the timers of boards
-_MIN_PULSE_S = 0.5  # a shorter pulse could end between two read-backs
-_LENGTHWISE = ("rear end", "middle", "front end")
-_HEIGHTS = ("low", "half-way up", "high")
 
 
 def warming_pulse(rig: Rig) -> float:

@@ -36,6 +36,8 @@ Say = Callable[[str], None]
 _SAMPLES = 8
 _SEED = 4711
 _FEW = 3  # robots of a quick measurement
+REAL = BuiltParameters.tension
+EXACT = "hubs, 5 cycles"
 
 
 class Walker(NamedTuple):
@@ -57,8 +59,6 @@ class Simplification(NamedTuple):
     """Factor on the inertia, as `drive` takes it."""
 
 
-REAL = BuiltParameters.tension
-EXACT = "hubs, 5 cycles"
 SIMPLIFICATIONS = {
     EXACT: Simplification(True, REAL, 5),
     "hubs, inertia x 4, 5 cycles": Simplification(True, REAL, 5, 4.0),

@@ -31,6 +31,35 @@ if TYPE_CHECKING:
 
 Say = Callable[[str], None]
 _ITERATIONS = 5
+_MEMORY = """
+import json, resource, sys
+from eldir.benchmark.measurement import big
+from eldir.learning import learn
+from eldir.scene import Scene
+
+def peak():
+    return round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20, 3)
+
+learn(big(1), Scene(), 1)
+begun = peak()
+bodies = big(int(sys.argv[1]), seed=2)
+bred = peak()
+learn(bodies, Scene().replace(steps=10), 1)
+print(json.dumps({"robots": len(bodies), "engine_gb": begun, "bodies_gb": bred, "peak_gb": peak()}))
+"""
+_FIRST_USE = """
+import json, time
+began = time.process_time()
+from eldir.benchmark.measurement import small
+from eldir.learning import learn
+from eldir.scene import Scene
+bodies, scene = small(1), Scene().replace(steps=2)
+from eldir.engine.runtime import start
+start()
+started = time.process_time()
+learn(bodies, scene, 1)
+print(json.dumps({"start_s": round(started - began, 2), "kernel_s": round(time.process_time() - started, 2)}))
+"""
 
 
 def measure(quick: bool, say: Say) -> dict[str, Any]:
@@ -132,37 +161,6 @@ def plot(values: dict[str, Any]) -> Figure:
     lines.plot(counts, counts, color="grey", lw=0.8)
     lines.set(xlabel="threads", ylabel="speed, relative to one thread", xticks=counts)
     return figure
-
-
-_MEMORY = """
-import json, resource, sys
-from eldir.benchmark.measurement import big
-from eldir.learning import learn
-from eldir.scene import Scene
-
-def peak():
-    return round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20, 3)
-
-learn(big(1), Scene(), 1)
-begun = peak()
-bodies = big(int(sys.argv[1]), seed=2)
-bred = peak()
-learn(bodies, Scene().replace(steps=10), 1)
-print(json.dumps({"robots": len(bodies), "engine_gb": begun, "bodies_gb": bred, "peak_gb": peak()}))
-"""
-_FIRST_USE = """
-import json, time
-began = time.process_time()
-from eldir.benchmark.measurement import small
-from eldir.learning import learn
-from eldir.scene import Scene
-bodies, scene = small(1), Scene().replace(steps=2)
-from eldir.engine.runtime import start
-start()
-started = time.process_time()
-learn(bodies, scene, 1)
-print(json.dumps({"start_s": round(started - began, 2), "kernel_s": round(time.process_time() - started, 2)}))
-"""
 
 
 def memory(robots: int) -> dict[str, float]:

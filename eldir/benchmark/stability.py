@@ -38,6 +38,9 @@ SHAPES: dict[str, list[tuple[int, int]]] = {
     "tower": [(row, 5) for row in range(13)],
     "lattice": [(row, column) for row in range(13) for column in range(22)],
 }
+PARTS = (0.7, 0.9, 0.97, 1.03, 1.1, 1.4)
+"""Steps, relative to the largest stable one."""
+_FASTEST = 10.0  # times the stiffness' root [m/s]; the paper's robots stay below 0.1 of it
 
 
 def extreme_bodies() -> dict[str, Morphology]:
@@ -82,9 +85,6 @@ def extreme_grounds(scene: Scene) -> dict[str, Scene]:
 
 
 Say = Callable[[str], None]
-PARTS = (0.7, 0.9, 0.97, 1.03, 1.1, 1.4)
-"""Steps, relative to the largest stable one."""
-_FASTEST = 10.0  # times the stiffness' root [m/s]; the paper's robots stay below 0.1 of it
 
 
 def measure(quick: bool, say: Say) -> dict[str, Any]:

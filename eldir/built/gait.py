@@ -31,6 +31,8 @@ CYCLES = 5
 """Cycles that are measured (paper, Sect. Sim2Real)."""
 _HIGH, _LOW = 0.2, -0.2  # Schmitt thresholds on the activation, of half its range
 _SAMPLES = 100  # of a period, when activations are folded onto it
+_SAME = 1e-4  # of a period: schedules are rounded to milliseconds
+_WALK = 0.1  # body lengths per five cycles: less counts as standing still
 
 
 @record
@@ -193,10 +195,6 @@ def free_lengths_batch(
         )
         for (gait, own), end, column in zip(robots, ends, last, strict=True)
     ]
-
-
-_SAME = 1e-4  # of a period: schedules are rounded to milliseconds
-_WALK = 0.1  # body lengths per five cycles: less counts as standing still
 
 
 @record

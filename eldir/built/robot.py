@@ -16,6 +16,9 @@ from eldir.morphology import Morphology
 from eldir.parameters.printed import BuiltParameters, Joints
 from eldir.parameters.robot import RobotParameters
 
+_ON_GROUND = 1e-6  # height below which a mass is a foot [m]
+_RANK = 1e-9  # of the largest singular value
+
 
 @dataclass(frozen=True, eq=False)
 class PrintedRobot(Record):
@@ -177,10 +180,6 @@ def rest_state(robot: PrintedRobot) -> FloatArray:
     masses = len(robot.positions)
     rotations = np.repeat([[1.0], [0.0], [0.0]], masses, axis=1)[: 3 * (robot.joints != "pins")]
     return np.concatenate([robot.positions.T, np.zeros((2, masses)), rotations])
-
-
-_ON_GROUND = 1e-6  # height below which a mass is a foot [m]
-_RANK = 1e-9  # of the largest singular value
 
 
 def feet(robot: PrintedRobot) -> IntArray:

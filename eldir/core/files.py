@@ -25,6 +25,7 @@ _MAX_DEPTH = 64
 _BYTES_A_VALUE = 8  # so that a text of the largest size holds a million values
 _WHOLE = 1 << 63
 _AGAIN = "write it again"
+_logger = logging.getLogger(__name__)
 
 
 def parse_json(data: bytes | str, where: str, most: int = MAX_JSON_BYTES) -> Any:
@@ -107,9 +108,6 @@ def _check_extent(values: Any, most: int) -> None:
             elif isinstance(value, list):
                 inner += value
         level = inner
-
-
-_logger = logging.getLogger(__name__)
 
 
 def write_bytes(path: Path, data: bytes | memoryview) -> None:

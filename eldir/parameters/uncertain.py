@@ -22,6 +22,14 @@ from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.springs import SpringParameters
 
 _Part = TypeVar("_Part", BuiltParameters, SpringParameters)
+_PRINTED = ("hexagon", "half_connector", "strip")
+_FORCES = (
+    "tension", "buckling", "bending", "socket_friction", "active_damping", "cold_stiffness", "hot_stiffness",
+)  # fmt: skip
+_CONVECTION = ("convection_fan", "convection_still")
+_SUPPLY = ("current_limit", "supply_voltage")
+_RESISTANCES = ("resistivity_martensite", "resistivity_austenite", "lead_resistance")
+_TRANSITIONS = ("austenite_finish", "austenite_start", "martensite_start", "martensite_finish")
 
 
 @dataclass(frozen=True)
@@ -52,15 +60,6 @@ class UncertainParameter:
 def _all(*names: str, power: float = 1.0) -> dict[str, float]:
     return dict.fromkeys(names, power)
 
-
-_PRINTED = ("hexagon", "half_connector", "strip")
-_FORCES = (
-    "tension", "buckling", "bending", "socket_friction", "active_damping", "cold_stiffness", "hot_stiffness",
-)  # fmt: skip
-_CONVECTION = ("convection_fan", "convection_still")
-_SUPPLY = ("current_limit", "supply_voltage")
-_RESISTANCES = ("resistivity_martensite", "resistivity_austenite", "lead_resistance")
-_TRANSITIONS = ("austenite_finish", "austenite_start", "martensite_start", "martensite_finish")
 
 PARAMETERS: dict[str, UncertainParameter] = {
     "hot_length": UncertainParameter(0.15, _all("hot_length")),

@@ -23,6 +23,13 @@ from eldir_hardware.clock import Clock
 _MIN_ZERO_CURRENT = 0.010  # leakage and noise of the leads [A]
 _NOISE_COUNTS = 2.0  # counts, with rounding; averages of four
 _ZERO_FACTOR = 3.0  # offsets drift with temperature and supply
+BAUD = 115200
+_ATTEMPTS = 2  # to read a damaged answer; after silence there is no second attempt
+_MAX_WINDOW = 0.1  # a longer measurement would delay the guardian [s]
+_PORT_ERRORS = (serial.SerialException, OSError, termios.error)
+_logger = logging.getLogger(__name__)
+_FAULTS = {"lost": "does not answer", "slow": "does not finish its measurements"}
+_MAX_LINE = 512  # bytes: sixteen inputs take 300
 
 
 @dataclass(frozen=True)
@@ -78,15 +85,6 @@ class SensorError(EldirError):
     """The current sensor does not work: the heat is not measured."""
 
     code = "sensor"
-
-
-BAUD = 115200
-_ATTEMPTS = 2  # to read a damaged answer; after silence there is no second attempt
-_MAX_WINDOW = 0.1  # a longer measurement would delay the guardian [s]
-_PORT_ERRORS = (serial.SerialException, OSError, termios.error)
-_logger = logging.getLogger(__name__)
-_FAULTS = {"lost": "does not answer", "slow": "does not finish its measurements"}
-_MAX_LINE = 512  # bytes: sixteen inputs take 300
 
 
 class Measurement(NamedTuple):

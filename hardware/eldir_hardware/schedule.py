@@ -25,6 +25,12 @@ from eldir.parameters.wiring import Face
 _RENAMED = BeforeValidator(lambda given: "filmed" if given == "seen" else given)  # since version 0.1.0
 Method = Annotated[str, Field(pattern="^(evolved|search|imitate|filmed)$"), _RENAMED]
 Share = Annotated[float, Field(ge=0, le=1)]
+MIN_PERIOD, MAX_PERIOD = 0.1, 120.0
+"""Bounds of a period [s]; the time for checking a schedule grows with its period."""
+MAX_EVENTS = 256
+"""Largest number of switchings of one period: eight pulses on each of sixteen channels."""
+_MAX_CHANNELS = 64  # channels and springs
+_MIN_INTERVAL = 0.999e-3  # between two switchings of a channel; the compiler writes whole milliseconds [s]
 
 
 @record
@@ -174,14 +180,6 @@ class ScheduleProvenance(Record):
         del resolved["properties"]["notes"]
         resolved["additionalProperties"] = True
         return schema
-
-
-MIN_PERIOD, MAX_PERIOD = 0.1, 120.0
-"""Bounds of a period [s]; the time for checking a schedule grows with its period."""
-MAX_EVENTS = 256
-"""Largest number of switchings of one period: eight pulses on each of sixteen channels."""
-_MAX_CHANNELS = 64  # channels and springs
-_MIN_INTERVAL = 0.999e-3  # between two switchings of a channel; the compiler writes whole milliseconds [s]
 
 
 @record

@@ -20,6 +20,9 @@ from eldir.errors import EldirError, InputError
 _REAL_CLOCK = 946_684_800
 """A log with an earlier start (before the year 2000) was recorded in virtual time [s since 1970]."""
 _File = TypeVar("_File")
+NOTES_SUFFIX = ".notes.json"
+_TAG_PATTERN = re.compile(r"[\w.+-]{1,40}")
+_MAX_NOTE_LENGTH = 2000  # [characters]
 
 
 @dataclass(frozen=True)
@@ -180,11 +183,6 @@ def _reported_runs(values: dict[str, Any]) -> dict[str, dict[str, Any]]:
             )
         )
     return reported
-
-
-NOTES_SUFFIX = ".notes.json"
-_TAG_PATTERN = re.compile(r"[\w.+-]{1,40}")
-_MAX_NOTE_LENGTH = 2000  # [characters]
 
 
 def _check_tag(tag: str) -> str:

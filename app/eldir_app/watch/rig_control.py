@@ -37,6 +37,7 @@ if line:
     from eldir_app.main import main
     main()
 """
+_MAX_FAILURE_LENGTH = 400  # [characters]
 
 
 class StopResult(NamedTuple):
@@ -119,9 +120,6 @@ def _start_python(*arguments: str, stdin: int) -> subprocess.Popen[bytes]:
         start_new_session=True,
         env=environment,
     )
-
-
-_MAX_FAILURE_LENGTH = 400  # [characters]
 
 
 class ScheduleStart:

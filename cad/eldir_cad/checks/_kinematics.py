@@ -26,6 +26,10 @@ from eldir_cad.checks.strip_law import StripLaw
 from eldir_cad.kit.specification import Specification
 
 _RANK_TOLERANCE = 1e-9  # of the largest singular value
+AT_REST = "at rest"
+_STEPS = 3  # poses from rest to each end of the stroke
+_COLD_STIFFNESS, _HOT_STIFFNESS = BuiltParameters.cold_stiffness, BuiltParameters.hot_stiffness
+_ANCHOR = 1.0  # stiffness against rigid motions [N/m]; a motor is fifty times stiffer
 
 
 def rigidity_matrix(positions: FloatArray, springs: IntArray) -> FloatArray:
@@ -95,12 +99,6 @@ def _graph(morphology: Morphology) -> nx.Graph:
     graph.add_nodes_from(range(len(morphology.positions)))
     graph.add_edges_from(morphology.springs.tolist())
     return graph
-
-
-AT_REST = "at rest"
-_STEPS = 3  # poses from rest to each end of the stroke
-_COLD_STIFFNESS, _HOT_STIFFNESS = BuiltParameters.cold_stiffness, BuiltParameters.hot_stiffness
-_ANCHOR = 1.0  # stiffness against rigid motions [N/m]; a motor is fifty times stiffer
 
 
 @dataclass(frozen=True, eq=False)

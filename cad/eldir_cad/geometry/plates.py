@@ -29,6 +29,13 @@ TALL = 20.0
 Size = tuple[float, float, float]
 """Width, depth and height of a part in its printing pose [mm]."""
 _QUARTER_TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+_CORE = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
+_PRODUCTION = "http://schemas.microsoft.com/3dmanufacturing/production/2015/06"
+_PACKAGE = "http://schemas.openxmlformats.org/package/2006"
+_MODEL = "http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"
+_UUID = f"{{{_PRODUCTION}}}UUID"
+_NAMES = uuid.uuid5(uuid.NAMESPACE_URL, "eldir-plate/1")
+_TIME = (1980, 1, 1, 0, 0, 0)  # the earliest of a zip archive
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,15 +144,6 @@ def _require_room(name: str, size: Size, printer: Printer) -> None:
             found=f"{x:.1f} x {y:.1f} x {z:.1f} mm",
             remedy="choose a larger printer or a smaller part",
         )
-
-
-_CORE = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
-_PRODUCTION = "http://schemas.microsoft.com/3dmanufacturing/production/2015/06"
-_PACKAGE = "http://schemas.openxmlformats.org/package/2006"
-_MODEL = "http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"
-_UUID = f"{{{_PRODUCTION}}}UUID"
-_NAMES = uuid.uuid5(uuid.NAMESPACE_URL, "eldir-plate/1")
-_TIME = (1980, 1, 1, 0, 0, 0)  # the earliest of a zip archive
 
 
 class Item(NamedTuple):

@@ -30,6 +30,7 @@ MIN_IMPEDANCE = 0.75
 _STICTION_ROTATION = math.radians(0.5)  # of a socket before its friction yields
 _HUB_DAMPING = 0.1  # damping ratio of a hub that oscillates within that rotation
 _HIDDEN_GROUP = "4"  # not drawn by MuJoCo's viewer by default
+_POINT_RADIUS = 1e-4  # radius of a hub that is a point [m]
 
 
 def _add_strip(tendons: Element, bodies: list[Element], model: Multibody, number: int, strip: Strip) -> None:
@@ -167,9 +168,6 @@ def add_element(parent: Element, tag: str, **attributes: str) -> Element:
 def format_numbers(values: FloatArray | Sequence[float]) -> str:
     """Numbers separated by spaces, as in MJCF."""
     return " ".join(f"{float(value):.12g}" for value in values)
-
-
-_POINT_RADIUS = 1e-4  # radius of a hub that is a point [m]
 
 
 def mjcf_text(model: Multibody, name: str = "robot", meshes: Mapping[int, str] | None = None) -> str:

@@ -26,6 +26,8 @@ SOCKET_FRICTION = 0.2e-3
 """Torque at which a strip begins to rotate in its sockets of both faces [N m]. Assumed: a bulb of 1.2 mm
 radius under 0.3 N with a coefficient of friction of 0.3."""
 _FACES = 2
+_UNLIMITED = math.radians(80)  # no strip rotates so far: hubs touch each other first
+_NO_RADIUS = 1e-6  # of hubs that do not touch each other [m]
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,10 +188,6 @@ def _springs(
             forces = _FACES * robot.tension, _FACES * robot.buckling, _FACES * bending
             strips.append(Strip((a, b), length, *forces))
     return strips, coils
-
-
-_UNLIMITED = math.radians(80)  # no strip rotates so far: hubs touch each other first
-_NO_RADIUS = 1e-6  # of hubs that do not touch each other [m]
 
 
 def with_pins(model: Multibody) -> Multibody:

@@ -23,6 +23,7 @@ from eldir_cad.kit.printer import Printer
 from eldir_cad.kit.specification import Specification
 
 _MIN_CLEARANCE = 0.98  # of the specified clearance, between placed parts: circles are polygons
+SLACK = 100.0  # of a lead, beyond its length to the top of the robot [mm]
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,9 +75,6 @@ def make_content(
         )
     plates = nest(assembly.parts, assembly.counts, printer)
     return Content(built, assembly, inspections, gap, plates, report, spec, printer, variant, filling)
-
-
-SLACK = 100.0  # of a lead, beyond its length to the top of the robot [mm]
 
 
 def bill_of_materials(c: Content) -> str:

@@ -25,6 +25,9 @@ from eldir_cad.packet._drawing import CONNECTOR
 
 _MAX_MOTIONS = 4  # that are drawn of a kind
 _ARROW = 0.03  # length of the longest arrow [m]
+_PAGE = (8.27, 11.69)  # A4 upright [inches]
+_LEFT, _TOP, _LINE, _WRAP = 0.08, 0.93, 0.0175, 92
+_MAX_NOTES = 12
 
 
 def draw_findings(morphology: Morphology, report: BuildReport) -> Figure:
@@ -120,11 +123,6 @@ def _faulty_parts(report: BuildReport) -> set[str]:
     """Masses and springs of all violations except hinges, as 'mass 3' or 'spring 5'."""
     names: Iterable[str] = (part for v in report.violations if v.kind != "hinge" for part in v.parts)
     return {" ".join(part.split()[:2]) for part in names}
-
-
-_PAGE = (8.27, 11.69)  # A4 upright [inches]
-_LEFT, _TOP, _LINE, _WRAP = 0.08, 0.93, 0.0175, 92
-_MAX_NOTES = 12
 
 
 def to_pdf(figures: Sequence[Figure]) -> bytes:

@@ -29,6 +29,10 @@ from eldir_calibration.dynamics.configuration import DEFAULT_CONFIG, Identificat
 from eldir_calibration.dynamics.recording import Recording
 
 _DIRECTIONS = ("forward", "up")
+_REFERENCE_CYCLES = 5
+"""Walks are given for so many cycles (paper, Sect. Sim2Real)."""
+_NOISE_SAMPLES = 20
+_MAX_TIME_GAP = 0.1  # of a period: a marker that was seen so near to an instant has a place there
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,12 +135,6 @@ def track_noise(recording: Recording) -> float:
 
 def _rounded(value: float) -> float:
     return float(f"{value:.4g}")
-
-
-_REFERENCE_CYCLES = 5
-"""Walks are given for so many cycles (paper, Sect. Sim2Real)."""
-_NOISE_SAMPLES = 20
-_MAX_TIME_GAP = 0.1  # of a period: a marker that was seen so near to an instant has a place there
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,6 +17,8 @@ from eldir.core.records import FloatArray
 from eldir_calibration.dynamics._model_check import ModelCheck
 from eldir_calibration.dynamics.configuration import DEFAULT_CONFIG, IdentificationConfig
 
+_JOINTS = {"pinned": "pinned strips", "clamped": "clamped strips", "hubs": "hubs with sockets"}
+
 
 class FitVerdict(Enum):
     """Verdict on a candidate model."""
@@ -155,8 +157,6 @@ VERDICTS: tuple[VerdictRow, ...] = (
     ),
 )
 """The table, from harmless to severe."""
-
-_JOINTS = {"pinned": "pinned strips", "clamped": "clamped strips", "hubs": "hubs with sockets"}
 
 
 def within_noise(check: ModelCheck) -> bool:

@@ -43,6 +43,9 @@ _HOT_MARGIN = 3.0  # below the austenite finish: at most a tenth is still marten
 _SETTLING_TIME = 0.5  # a current counts from this time after its contact closed [s]
 _TIME_TOLERANCE = 1e-6  # reports and measurements with times this close belong together [s]
 _UNIFORM_FACTOR = np.sqrt(3.0)  # the largest error by the standard deviation, where all within are as likely
+OTHER_JOINTS = (BuiltParameters().with_hubs(), BuiltParameters.clamped())
+"""Joints that are tried where pins do not explain the films: hubs, then strips clamped in their hexagons."""
+_ATTRIBUTION_STEP, _EXPERIMENT_STEP = "figures: what explains the motion", "figures: what to film next"
 
 
 class MeterReadings(NamedTuple):
@@ -115,12 +118,6 @@ def _meter_error(rig: Rig, current: float, voltage: float) -> float:
     chip, sensor = CHIPS[rig.sensor.kind], rig.sensor
     of_current = chip.current_error(sensor.shunt_ohm, sensor.shunt_tolerance, current) / current
     return float(max(of_current, chip.voltage_error(voltage) / voltage) / _UNIFORM_FACTOR)
-
-
-OTHER_JOINTS = (BuiltParameters().with_hubs(), BuiltParameters.clamped())
-"""Joints that are tried where pins do not explain the films: hubs, then strips clamped in their hexagons."""
-
-_ATTRIBUTION_STEP, _EXPERIMENT_STEP = "figures: what explains the motion", "figures: what to film next"
 
 
 class RobotFilms(NamedTuple):

@@ -23,6 +23,10 @@ from eldir_calibration.report.comparison import CycleMean, Motion, agreements
 INTACT = "intact"
 PAPER_DISPLACEMENTS = {INTACT: 0.8, "without a motor": 0.0, "without a motor, with ballast": -0.4}
 """Displacement of the paper's robot and its controls, in body lengths per five cycles."""
+DIRECTIONS = ("horizontal", "vertical")
+OTHER_COUNT = 5
+"""How many other robots a report simulates: as many as it has time for."""
+_SEED = 1
 
 
 @dataclass(frozen=True)
@@ -84,13 +88,7 @@ def summarise_controls(runs: Sequence[FilmedRun]) -> list[str]:
     return sentences
 
 
-DIRECTIONS = ("horizontal", "vertical")
-
-
 Number = Annotated[float, Rounded(9)]
-OTHER_COUNT = 5
-"""How many other robots a report simulates: as many as it has time for."""
-_SEED = 1
 
 
 @record

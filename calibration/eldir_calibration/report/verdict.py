@@ -19,6 +19,14 @@ from eldir_calibration.report.comparison import CycleMean, Motion, MotionReport,
 
 CONFIDENCE_LEVEL = 0.95
 """Probability of the interval of a prediction."""
+VERTICAL_RANGE, HORIZONTAL_SWING = "vertical range", "horizontal swing"
+_RESOLUTION = 1e-4  # the tracker's error is 0.02 to 0.09 mm (docs/reference/vision.md) [m]
+_AGREEMENT_SENTENCES = {
+    "agrees": "They agree: the film lies within the prediction's interval.",
+    "undecided": "Not decided: the film lies outside the prediction's interval, but its own interval reaches "
+    "inside.",
+    "disagrees": "They disagree: the film lies outside the prediction's interval.",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,15 +78,7 @@ def prediction_interval(values: FloatArray, level: float = CONFIDENCE_LEVEL) -> 
     return CycleMean(mean, mean - reach, mean + reach)
 
 
-VERTICAL_RANGE, HORIZONTAL_SWING = "vertical range", "horizontal swing"
-_RESOLUTION = 1e-4  # the tracker's error is 0.02 to 0.09 mm (docs/reference/vision.md) [m]
 AgreementLevel = Literal["agrees", "undecided", "disagrees"]
-_AGREEMENT_SENTENCES = {
-    "agrees": "They agree: the film lies within the prediction's interval.",
-    "undecided": "Not decided: the film lies outside the prediction's interval, but its own interval reaches "
-    "inside.",
-    "disagrees": "They disagree: the film lies outside the prediction's interval.",
-}
 
 
 @dataclass(frozen=True)

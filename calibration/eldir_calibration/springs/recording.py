@@ -12,6 +12,13 @@ from eldir.errors import InputError
 _MIN_SAMPLES = 20  # samples
 _MAX_START_EXCESS = 8.0  # [K]
 _MAX_GAP = 3.0  # times the usual interval
+_MAX_SHARE = 0.1
+"""A recording with a larger share of such samples is refused."""
+_FALSE_ALARM_PROBABILITY = 0.01
+"""Probability at which a run of equal values in a whole recording counts as chance."""
+_MIN_RUN = 5
+_OUTLIER_DEVIATIONS = 6.0  # robust standard deviations
+_JUMP_SHARE = 0.2  # a single sample of the current that differs by this part of the peak from both beside it
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,15 +107,6 @@ class SpringRecording(Record):
     def heated(self) -> BoolArray:
         """Whether its current flowed, shape (N,)."""
         return self.current > 0.1 * max(self.current.max(), 1e-9)
-
-
-_MAX_SHARE = 0.1
-"""A recording with a larger share of such samples is refused."""
-_FALSE_ALARM_PROBABILITY = 0.01
-"""Probability at which a run of equal values in a whole recording counts as chance."""
-_MIN_RUN = 5
-_OUTLIER_DEVIATIONS = 6.0  # robust standard deviations
-_JUMP_SHARE = 0.2  # a single sample of the current that differs by this part of the peak from both beside it
 
 
 @dataclass(frozen=True)

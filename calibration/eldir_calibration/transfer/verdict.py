@@ -33,6 +33,9 @@ _MIN_RELIABLE_WALKS = 10  # walks with which a rank correlation is still uncerta
 
 
 Share = Annotated[float, Rounded(9, ge=0, le=1)]
+_MIN_DIFFERENCE = 0.05  # body lengths per five cycles: there is nothing to explain
+STEPS_PER_EXPLANATION = 2 + len(SIMPLIFICATIONS)
+"""Steps of the progress for each design."""
 
 
 @record
@@ -151,10 +154,7 @@ class TransferVerdict:
         return f"goal: {bounds}, {'reached' if self.reached[name] else 'missed'}"
 
 
-_MIN_DIFFERENCE = 0.05  # body lengths per five cycles: there is nothing to explain
 Number = Annotated[float, Rounded(9)]
-STEPS_PER_EXPLANATION = 2 + len(SIMPLIFICATIONS)
-"""Steps of the progress for each design."""
 
 
 @record

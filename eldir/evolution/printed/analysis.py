@@ -25,6 +25,8 @@ from eldir.morphology import Morphology
 
 _COLUMNS = 4  # of robots side by side
 _WALK = "walk [body lengths per 5 cycles]"
+_SHOWN = 12
+"""Elites whose bodies and gaits are drawn, the best first."""
 
 
 @dataclass(frozen=True)
@@ -201,10 +203,6 @@ def walks_figure(elites: Sequence[Elite]) -> Figure:
     axes.set_xticks(range(len(elites)), [str(e.walker.number) for e in elites])
     axes.legend(frameon=False, fontsize="small", loc="lower left")
     return figure
-
-
-_SHOWN = 12
-"""Elites whose bodies and gaits are drawn, the best first."""
 
 
 def write_printed_analysis(

@@ -23,6 +23,15 @@ from eldir.genotype import Genotype, repair_bodies, repair_springs, unstack
 from eldir.lattice import Lattice
 from eldir.morphology import Morphology, develop
 
+_PHASE_STEP = 0.08
+"""Standard deviation of a change of phase, as a fraction of the period: the peak of a walk over the phase is
+about 0.1 wide (docs/reference/evolution.md)."""
+_OPERATORS = {"body": 0.45, "motor": 0.25, "gait": 0.2, "place": 0.1}
+_ELSEWHERE = 0.3  # probability that a motor moves anywhere, not to a neighbour
+_OTHER_TIMING = 0.3
+_MAX_UP, _MAX_RIGHT = 2, 4
+_WINDOW = (2, 3), (3, 6)  # least and most rows and columns of triangles of random robots (decision 45)
+
 
 class Timing(NamedTuple):
     """Times of heating that a rig allows."""
@@ -106,16 +115,6 @@ def _index_map(groups: IntArray, to: list[int]) -> IntArray:
     """Index of the group of vertices to which each group goes, -1 where there is none."""
     index = {tuple(sorted(map(int, group))): i for i, group in enumerate(groups)}
     return np.array([index.get(tuple(sorted(to[v] for v in group)), -1) for group in groups], np.int64)
-
-
-_PHASE_STEP = 0.08
-"""Standard deviation of a change of phase, as a fraction of the period: the peak of a walk over the phase is
-about 0.1 wide (docs/reference/evolution.md)."""
-_OPERATORS = {"body": 0.45, "motor": 0.25, "gait": 0.2, "place": 0.1}
-_ELSEWHERE = 0.3  # probability that a motor moves anywhere, not to a neighbour
-_OTHER_TIMING = 0.3
-_MAX_UP, _MAX_RIGHT = 2, 4
-_WINDOW = (2, 3), (3, 6)  # least and most rows and columns of triangles of random robots (decision 45)
 
 
 def random_genomes(

@@ -34,6 +34,9 @@ from eldir.genotype import stack, unstack
 if TYPE_CHECKING:
     import pyarrow as pa
 
+WALKS = 1.0
+"""An elite walks if its expected walk is above this [body lengths per five cycles]."""
+
 
 @record
 class PrintedRunFile(RunFileHeader):
@@ -145,10 +148,6 @@ def evolve_printed(
         run.save(generation, search.archive)
         progress(search, 0.0)
     return True
-
-
-WALKS = 1.0
-"""An elite walks if its expected walk is above this [body lengths per five cycles]."""
 
 
 @record

@@ -29,6 +29,7 @@ _OUTLIER_FACTOR = 3.0
 _K3_ERROR_RATIO = 0.95
 """The third radial term k3 stays zero unless it lowers the error to this part."""
 _CELL_NAMES = [f"{y} {x}".strip() for y in ("top", "", "bottom") for x in ("left", "middle", "right")]
+_ERROR_MAGNIFICATION = 100  # errors on the map
 
 
 @dataclass(frozen=True)
@@ -110,9 +111,6 @@ def _require_accurate(lens: Lens, worst_view: str) -> None:
             found=f"{relative:.1%}",
             remedy="add views with the pattern tilted by 30 to 45 degrees, near and far",
         )
-
-
-_ERROR_MAGNIFICATION = 100  # errors on the map
 
 
 def coverage(views: list[View], size: tuple[int, int]) -> IntArray:

@@ -19,6 +19,7 @@ MAX_DRIFT = 2.0
 """The camera counts as moved if the median shift of the tags is larger than this [px]."""
 _CHECK_INTERVAL = 2.0  # [s]
 _MIN_SHIFTS = 3
+_NO_LINE = (math.nan, math.nan, math.nan)
 
 
 def require_dictionary(name: str, count: int = 1) -> cv2.aruco.Dictionary:
@@ -125,7 +126,6 @@ def intersect_edges(grey: Image, corners: FloatArray, reach: float = _PROFILE_RE
 
 _Line = tuple[float, float, float]
 """Of points (x, y) with l0 x + l1 y + l2 = 0 [px]."""
-_NO_LINE = (math.nan, math.nan, math.nan)
 
 
 def _intersection(one: _Line, other: _Line) -> tuple[float, float]:

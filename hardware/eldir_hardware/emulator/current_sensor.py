@@ -19,6 +19,7 @@ _CONVERSIONS = (140e-6, 204e-6, 332e-6, 588e-6, 1.1e-3, 2.116e-3, 4.156e-3, 8.24
 
 CurrentAndVoltage = Callable[[float], tuple[float, float]]
 """Current through a shunt [A] and voltage behind it [V] at an instant [s on the clock]."""
+_UNCONNECTED = (0.0, 0.0)
 
 
 class MicrocontrollerClock:
@@ -212,7 +213,6 @@ _KINDS: dict[str, tuple[type[InaChip], int]] = {
     "ina226": (EmulatedIna226, 1),
     "ina3221": (EmulatedIna3221, 3),
 }
-_UNCONNECTED = (0.0, 0.0)
 
 
 @dataclass(frozen=True)

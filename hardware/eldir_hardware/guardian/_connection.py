@@ -22,6 +22,8 @@ from eldir_hardware.rig.port_holder import GUARDIAN_WORD
 # Folders that only this program has on its import path, such as those with boards, come last.
 _BOOT_CODE = "import sys; sys.path += sys.argv[7:]; from eldir_hardware.guardian._process import main; main()"
 _PASSED_ON = ("ELDIR_LOG", "HOME", "LANG", "LOGNAME", "PATH", "TZ", "USER", "XDG_STATE_HOME")
+MAX_MESSAGE = 1 << 16
+"""Longest message [bytes]; a rig of sixteen channels needs a twentieth."""
 
 
 def guardian_command(socket: int, port: str, kind: str, channels: int, given_name: str) -> list[str]:
@@ -60,10 +62,6 @@ def _is_safe(folder: str) -> bool:
 
 def _is_working_directory(folder: str) -> bool:
     return os.path.realpath(folder) == os.getcwd()
-
-
-MAX_MESSAGE = 1 << 16
-"""Longest message [bytes]; a rig of sixteen channels needs a twentieth."""
 
 
 class Connection:

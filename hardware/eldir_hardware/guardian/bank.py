@@ -13,6 +13,8 @@ from eldir_hardware.safety.stop_signals import StoppedError
 BOARD_PROOF = "all contacts are open by the board's report"
 LEAD = 0.3
 """Pulses are announced at least this long before they begin, so that they begin on time [s]."""
+PATIENCE = 0.6
+"""A commander counts as lost after this time without a command [s]."""
 
 
 class Report(NamedTuple):
@@ -94,10 +96,6 @@ def describe_reason(error: BaseException) -> str:
     if isinstance(error, StoppedError):
         return error.reason
     return str(error) or type(error).__name__
-
-
-PATIENCE = 0.6
-"""A commander counts as lost after this time without a command [s]."""
 
 
 class Commander:

@@ -16,19 +16,18 @@ from numpy.typing import NDArray
 from eldir.errors import damaged
 from eldir_hardware.camera.plane import Image
 
-
-def silence_opencv() -> None:
-    """Suppress OpenCV's own messages; call it before a file or a camera is opened."""
-    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
-
-
 _SETTINGS = [
     *(cv2.IMWRITE_JPEG_LUMA_QUALITY, 50),
     *(cv2.IMWRITE_JPEG_CHROMA_QUALITY, 88),
     *(cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444),
 ]
 _TIFF_ORIENTATION = 274
+
+
+def silence_opencv() -> None:
+    """Suppress OpenCV's own messages; call it before a file or a camera is opened."""
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
 
 
 def encode(image: Image) -> NDArray[np.uint8]:

@@ -37,6 +37,8 @@ _FLUSH_INTERVAL = 0.1
 
 
 _Values = ParamSpec("_Values")
+CLOSING_DELAY = 1.5
+"""Time after the end of a run in which its last tracks and reports arrive [s]."""
 
 
 def _in_background(
@@ -167,10 +169,6 @@ class BackgroundRecorder(Resource):
 
 def _wrap_error(error: Any) -> EldirError:
     return EldirError(f"the log cannot be written: {type(error).__name__}: {error}")
-
-
-CLOSING_DELAY = 1.5
-"""Time after the end of a run in which its last tracks and reports arrive [s]."""
 
 
 class RunRecording:

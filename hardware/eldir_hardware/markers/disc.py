@@ -31,6 +31,17 @@ _MIN_SURFACE_SHARE = 0.02
 """Part of the picture that a coloured surface fills. Five markers fill less than a third of that."""
 _SURFACE_PERCENTILE = 98.0
 """Percentile of the chroma in a sector that stands for the surface's strongest colour."""
+_BLUR_MARGIN = 2.5
+"""Width of the blurred margin around the disc that still counts [px]."""
+_WEIGHT_FLOOR = 0.1
+"""Part of the disc's strength that is subtracted from every weight: noise and tinted background."""
+_CHROMA_NOISE = 8.0
+"""Chroma of noise and of a grey surface's tints, root mean square in grey levels. Where what surrounds the
+disc has more, it counts as coloured."""
+_EDGE_WIDTH = 2.4
+"""Width over which a blurred edge falls from disc to background [px]."""
+_CONVERGENCE = 0.05
+"""A centre that moves less is found: the next step is a tenth as long or shorter [px]."""
 
 
 @dataclass(frozen=True)
@@ -132,19 +143,6 @@ def hue_angle(chroma: NDArray) -> float:
 def hue_difference(a: float, b: float) -> float:
     """Size of the angle between two hues [rad]."""
     return abs((a - b + np.pi) % (2 * np.pi) - np.pi)
-
-
-_BLUR_MARGIN = 2.5
-"""Width of the blurred margin around the disc that still counts [px]."""
-_WEIGHT_FLOOR = 0.1
-"""Part of the disc's strength that is subtracted from every weight: noise and tinted background."""
-_CHROMA_NOISE = 8.0
-"""Chroma of noise and of a grey surface's tints, root mean square in grey levels. Where what surrounds the
-disc has more, it counts as coloured."""
-_EDGE_WIDTH = 2.4
-"""Width over which a blurred edge falls from disc to background [px]."""
-_CONVERGENCE = 0.05
-"""A centre that moves less is found: the next step is a tenth as long or shorter [px]."""
 
 
 @dataclass(frozen=True)

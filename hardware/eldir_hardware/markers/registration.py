@@ -34,16 +34,15 @@ PALETTE = {
     "m5": (190, 40, 190),
 }
 """sRGB of the disc on each mass: distinct hues identify the markers."""
+ENTRY_POINT_GROUP = "eldir.markers"
+DEFAULT_KIND = "discs"
+"""The kind of rig files and logs that name none."""
 
 
 def nominal_bgr(name: str) -> np.ndarray:
     """Colour of a marker as OpenCV orders it, 0 to 255, shape (3,)."""
     return np.array(PALETTE[name][::-1], dtype=np.float64)
 
-
-ENTRY_POINT_GROUP = "eldir.markers"
-DEFAULT_KIND = "discs"
-"""The kind of rig files and logs that name none."""
 
 Paint = Callable[[str, FloatArray, float], tuple[FloatArray, FloatArray]]
 

@@ -22,6 +22,14 @@ from eldir_hardware.markers.tracker import MarkerTracker
 
 _PAPER, _INK = 0.85, 0.05
 """Linear reflectance of paper and ink."""
+FIRST_NUMBER = 40
+"""m1 is number 40, m2 is 41, ...: the reference tags must use others."""
+SQUARE_SIDE = 0.024
+"""Side of the black square [m]: the distance of two masses is at least 40 mm."""
+_PROFILE_REACH, _MAX_PROFILE_REACH = 0.6, 3.0
+"""How far to either side of an edge its profile is read: in cells, and at most [px]."""
+_MAX_CORRECTION = 3.0
+"""A corner that moves farther when it is located along the edges was not one [px]."""
 
 
 @lru_cache
@@ -65,16 +73,6 @@ def _nearest_line(
     line = np.clip(np.rint(x / cell + cells / 2), 0, cells)
     behind = np.clip((x - (line - cells / 2) * cell) / np.minimum(width, cell) + 0.5, 0, 1)
     return line.astype(np.intp), behind
-
-
-FIRST_NUMBER = 40
-"""m1 is number 40, m2 is 41, ...: the reference tags must use others."""
-SQUARE_SIDE = 0.024
-"""Side of the black square [m]: the distance of two masses is at least 40 mm."""
-_PROFILE_REACH, _MAX_PROFILE_REACH = 0.6, 3.0
-"""How far to either side of an edge its profile is read: in cells, and at most [px]."""
-_MAX_CORRECTION = 3.0
-"""A corner that moves farther when it is located along the edges was not one [px]."""
 
 
 @dataclass(frozen=True)

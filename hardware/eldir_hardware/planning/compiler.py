@@ -19,6 +19,11 @@ from eldir_hardware.safety.compatibility import with_digests
 from eldir_hardware.schedule import ActuationSchedule, Event, SchedulePrediction, ScheduleProvenance
 
 _DECIMALS = 3
+MAX_HEAT_ERROR = 0.02
+"""Allowed relative error of the heat of a pulse."""
+MAX_TIME_ERROR = 0.020
+"""Allowed error of the instant at which a contact switches [s]."""
+_PROGRAM_DELAY = 0.005  # of this computer between a pulse's two edges, at the 99th percentile [s]
 
 
 class HeatingPattern(Protocol):
@@ -98,13 +103,6 @@ def extract_gait(schedule: ActuationSchedule) -> Gait | None:
             return None
         phase[spring], duty[spring] = start / schedule.period_s, length / schedule.period_s
     return Gait(schedule.period_s, phase, duty)
-
-
-MAX_HEAT_ERROR = 0.02
-"""Allowed relative error of the heat of a pulse."""
-MAX_TIME_ERROR = 0.020
-"""Allowed error of the instant at which a contact switches [s]."""
-_PROGRAM_DELAY = 0.005  # of this computer between a pulse's two edges, at the 99th percentile [s]
 
 
 def describe_precision(schedule: ActuationSchedule, rig: Rig) -> str:

@@ -31,6 +31,10 @@ from eldir_hardware.schedule import ActuationSchedule, PredictedWalk, Pulse
 
 MAX_PERIOD_S = 120.0
 """Longest period of a gait that is searched [s]."""
+_OVERSHOOT = 2.0  # above Af when heated and below Mf when cooled, so that the transformation is complete [K]
+_DT = 0.05
+_PERIOD_FACTORS = (1.0, 1.25, 1.5)  # longer periods to try
+_MAX_COOLING = 300.0  # longest simulated cooling [s]
 
 
 @dataclass(frozen=True)
@@ -153,12 +157,6 @@ def _predicted_walk(gait: Gait, walks: SampledWalks) -> PredictedWalk:
         probability_forward=walks.probability_forward,
         tie_share=round(walks.tie_share, 6) if np.isfinite(walks.tie_share) else None,
     )
-
-
-_OVERSHOOT = 2.0  # above Af when heated and below Mf when cooled, so that the transformation is complete [K]
-_DT = 0.05
-_PERIOD_FACTORS = (1.0, 1.25, 1.5)  # longer periods to try
-_MAX_COOLING = 300.0  # longest simulated cooling [s]
 
 
 def find_timing(springs: SpringParameters, rig: Rig, motors: int) -> tuple[float, float]:

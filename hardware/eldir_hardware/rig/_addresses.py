@@ -13,6 +13,9 @@ _IN_TEXT = re.compile(r"\b([A-Za-z][A-Za-z0-9+.-]*://)(?!\.\.\.)\S+")
 _USER = re.compile(r"//[^/]*@")
 HIDDEN = "hidden"
 MAX_ADDRESSES = 8
+CAMERA_NAME = re.compile(
+    r"camera:(?P<number>\d{1,3})|(?P<path>/dev/video\d+)|(?P<stream>(?i:https?|rtsp)://\S+)"
+)
 
 
 def validate_addresses(value: Any) -> Any:
@@ -48,11 +51,6 @@ def _require_list(value: Any) -> Sequence[Any]:
     if not isinstance(value, list | tuple) or len(value) > MAX_ADDRESSES:
         raise ValueError(f"expected a list of at most {MAX_ADDRESSES} addresses")
     return value
-
-
-CAMERA_NAME = re.compile(
-    r"camera:(?P<number>\d{1,3})|(?P<path>/dev/video\d+)|(?P<stream>(?i:https?|rtsp)://\S+)"
-)
 
 
 def is_camera(name: str) -> bool:

@@ -22,17 +22,15 @@ from eldir_hardware.rig.sections import SpringEntry
 
 _MAX_AIR_SPEED = 5.0  # of a strong fan [m/s]
 _HOT_TEMPERATURE = 90.0  # spring at the highest temperature limit [C]
+_MIN_DIFFERENCE = (
+    10.0  # above ambient, where a coefficient in still air is taken that is too low for hotter springs [K]
+)
 
 
 class LimitError(EldirError):
     """Heating is refused because of a limit."""
 
     code = "limit"
-
-
-_MIN_DIFFERENCE = (
-    10.0  # above ambient, where a coefficient in still air is taken that is too low for hotter springs [K]
-)
 
 
 def worst_springs(rig: Rig) -> SpringParameters:

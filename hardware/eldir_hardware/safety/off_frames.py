@@ -20,6 +20,10 @@ from eldir_hardware.relay.line import SerialLine
 from eldir_hardware.relay.registration import get_board
 from eldir_hardware.rig.board_identity import BoardIdentity, Port, locate
 
+_WRITE_TIMEOUT = 0.2  # with a port that does not take the bytes [s]
+_logger = logging.getLogger(__name__)
+_BAUD_CODES = {9600: termios.B9600, 19200: termios.B19200, 38400: termios.B38400, 57600: termios.B57600}
+
 
 class RecordingLine(SerialLine):
     """A line without a port that records what a driver writes, and never answers."""
@@ -78,9 +82,6 @@ def _record_off_frames(driver: type[RelayBoard], channels: int) -> list[bytes]:
     return line.frames
 
 
-_WRITE_TIMEOUT = 0.2  # with a port that does not take the bytes [s]
-_logger = logging.getLogger(__name__)
-_BAUD_CODES = {9600: termios.B9600, 19200: termios.B19200, 38400: termios.B38400, 57600: termios.B57600}
 _BAUD_CODES |= {115200: termios.B115200}
 
 

@@ -26,6 +26,12 @@ from eldir_hardware.safety.off_targets import OffTarget
 from eldir_hardware.safety.state_folder import SHARED_FOLDER, StateError
 
 OFF_REASON = "stopped by eldir rig off"
+_logger = logging.getLogger(__name__)
+PORT_TIMEOUT = 1.5
+"""Longest wait for a port, whatever holds it [s]."""
+POLL_INTERVAL = 0.005
+_PATIENCE = 0.4  # from SIGTERM to SIGKILL: a running guardian proves everything off in less time [s]
+_RESEND_INTERVAL = 0.5  # from one sending of the frames to the next, longer than a guardian's proof [s]
 
 
 @dataclass
@@ -205,15 +211,6 @@ def _guardian_proved(target: OffTarget, started_at: float, shared: Path) -> bool
         opened = None if record is None else record.opened
         return opened is not None and opened != before and started_at <= opened <= uptime()
     return False
-
-
-_logger = logging.getLogger(__name__)
-
-PORT_TIMEOUT = 1.5
-"""Longest wait for a port, whatever holds it [s]."""
-POLL_INTERVAL = 0.005
-_PATIENCE = 0.4  # from SIGTERM to SIGKILL: a running guardian proves everything off in less time [s]
-_RESEND_INTERVAL = 0.5  # from one sending of the frames to the next, longer than a guardian's proof [s]
 
 
 class HolderStopper:

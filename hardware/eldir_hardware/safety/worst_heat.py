@@ -17,6 +17,8 @@ from eldir_hardware.rig.supply import LimitError, steady_temperature_in_still_ai
 _MAX_CHANGE = 0.005  # change of a temperature over `_MIN_TIME` that counts as none [K]
 _MIN_TIME = 15.0  # temperatures are compared after at least this time [s]
 _MAX_PERIODS = 500  # number of comparisons; still air needs dozens
+_DT = 0.05
+_REMEDY = "lower supply.current_limit_a, or add an independent cut-off to the rig and its file"
 
 
 def run_until_periodic(on: FloatArray, dt: float, springs: SpringParameters, ceiling: float) -> SpringHistory:
@@ -37,10 +39,6 @@ def run_until_periodic(on: FloatArray, dt: float, springs: SpringParameters, cei
         state = history.final
     last = (getattr(history, name)[-len(on) :] for name in ("temperature", "martensite", "length", "current"))
     return SpringHistory(*last)
-
-
-_DT = 0.05
-_REMEDY = "lower supply.current_limit_a, or add an independent cut-off to the rig and its file"
 
 
 def check_board(rig: Rig) -> None:

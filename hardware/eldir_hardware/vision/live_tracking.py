@@ -19,6 +19,7 @@ from eldir_hardware.vision.recording_setup import CALIBRATION_FRAMES
 
 FIRST_PICTURE_KEY = "first_picture_ns"
 """Name in a plane's provenance: stamp of the first picture that it was calibrated from [ns]."""
+_MAX_TRAIL = 600  # the overlay shows at most so many positions of each marker
 
 
 class LiveTracker:
@@ -105,9 +106,6 @@ class LiveTracker:
         pictures, self._buffer = self._buffer, []
         origin = self._origin_ns = pictures[0][0] if self._origin_ns is None else self._origin_ns
         return [(at, tracker.update(image, 1e-9 * (at - origin)), image) for at, image in pictures]
-
-
-_MAX_TRAIL = 600  # the overlay shows at most so many positions of each marker
 
 
 class LiveOverlay:
