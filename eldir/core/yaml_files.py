@@ -37,7 +37,7 @@ def parse_yaml(data: bytes, where: str) -> Any:
     """
     if len(data) > MAX_YAML_BYTES:
         raise too_large_error(where, MAX_YAML_BYTES)
-    return _parse(data, where, _require_plain, _PlainLoader)
+    return _parse(data, where, _require_plain, PlainLoader)
 
 
 def parse_foreign_yaml(data: bytes, where: str, remedy: str) -> Any:
@@ -141,7 +141,7 @@ class _Dumper(yaml.SafeDumper):
         return True
 
 
-class _PlainLoader(_SafeLoader):
+class PlainLoader(_SafeLoader):
     """Accepts plain decimal numbers only, and refuses duplicate names."""
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
@@ -167,8 +167,8 @@ class _PlainLoader(_SafeLoader):
         return float(value)
 
 
-_PlainLoader.add_constructor("tag:yaml.org,2002:int", _PlainLoader.construct_yaml_int)
-_PlainLoader.add_constructor("tag:yaml.org,2002:float", _PlainLoader.construct_yaml_float)
+PlainLoader.add_constructor("tag:yaml.org,2002:int", PlainLoader.construct_yaml_int)
+PlainLoader.add_constructor("tag:yaml.org,2002:float", PlainLoader.construct_yaml_float)
 
 
 def _refused(problem: str, at: Any) -> yaml.YAMLError:

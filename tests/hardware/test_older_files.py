@@ -3,6 +3,8 @@
 import json
 import re
 
+import pytest
+
 from eldir.core.yaml_files import parse_yaml
 from eldir.errors import InputError
 from eldir_app.catalogue.facts import notes_file, read_notes, write_notes
@@ -10,6 +12,7 @@ from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.safety.compatibility import rig_digests, schedule_digest
 from eldir_hardware.schedule import ActuationSchedule
 from tests.paths import ROOT
+from tests.raised import raises
 
 OLD = ROOT / "tests" / "data" / "old"
 PRESENT = ROOT / "ros2_nodes" / "eldir_ros" / "config" / "rig.yaml"
@@ -52,12 +55,23 @@ def test_a_rig_file_with_old_names_is_refused_with_the_new_ones(tmp_path):
         except InputError as error:
             assert error.code == "rig.renamed-key"
             section, old = str(error.key).split(".")
-            [new] = re.findall(rf"{error.key} is now called {section}\.(\w+); rename it: \1: ", str(error))
+            [new] = re.findall(
+                rf"{error.key} has another name now; expected {section}\.(\w+); rename it: \1: ", str(error)
+            )
             before, place, after = text.partition(f"\n{section}:")
             text, count = before + place + after.replace(f"{old}:", f"{new}:", 1), count + 1
         else:
             break
     assert rig.to_json() == Rig.load(PRESENT).to_json() and count == 8
+
+
+@pytest.mark.parametrize("value", ["2024-01-01", "!!binary aGVsbG8=", "far", "[1, {a: b}]"])
+def test_whatever_an_old_name_holds_one_line_says_its_new_one(tmp_path, value):
+    path = tmp_path / "rig.yaml"
+    path.write_text(re.sub(r"max_temperature_c: [\d.]+", f"ceiling_c: {value}", PRESENT.read_text()))
+    expected = r"ceiling_c has another name now; expected limits\.max_temperature_c; rename it: (?!.*large)"
+    with raises(InputError, "rig.renamed-key", "limits.ceiling_c", match=expected):
+        Rig.load(path)
 
 
 def test_a_log_with_old_names_has_the_same_rig():

@@ -9,7 +9,7 @@ import yaml
 
 from tests.paths import ROOT
 from tests.stress.mutation.campaign import MODULES, TESTS
-from tests.stress.mutation.explained import FILE, Explained
+from tests.stress.mutation.explained import Explained, read_entries
 from tests.stress.mutation.mutants import mutants
 from tests.stress.mutation.selection import Selection, noting
 
@@ -114,9 +114,17 @@ def test_an_explanation_names_one_mutant(tmp_path: Path, text: str, told: str):
     assert list(Explained(mutants("a.py", SOURCE), path).equivalent.values()) == ["a"]
 
 
+def test_a_module_stands_once(tmp_path: Path):
+    """YAML itself would take the last one and forget the others."""
+    path = tmp_path / "explained.yaml"
+    path.write_text("a.py: {x: []}\nb.py: {x: []}\na.py: {y: []}\n")
+    with pytest.raises(yaml.YAMLError, match="duplicate name"):
+        read_entries(path)
+
+
 def test_what_is_listed_is_there():
     """Every explained mutant, and every file that is put under mutation or runs on it."""
-    explained = yaml.safe_load(FILE.read_text())
+    explained = read_entries()
     listed = [m for name in explained for m in mutants(name, (ROOT / name).read_text(), written=False)]
     Explained(listed)  # raises for a mutant that is not there any more
     assert set(explained) == {m.module for m in listed}

@@ -35,7 +35,7 @@ def test_ten_thousand_random_pulse_trains():
     ended = Counter(t.ended for t in trains)
     print(ended, "longest beyond what is allowed:", max(t.too_long for t in trains), "s")
     print("hottest:", max(t.hottest for t in trains), "C")
-    assert {"played", "LimitError", "HeartbeatError"} <= set(ended)
+    assert {"played", "LimitError", "KeepaliveError"} <= set(ended)
 
 
 @pytest.mark.parametrize("kind", installed_kinds())

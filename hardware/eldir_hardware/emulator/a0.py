@@ -1,4 +1,4 @@
-"""An emulated LCUS board (A0 protocol, dialect A), written from its data sheet, not from the driver."""
+"""Emulated boards of the A0 protocol (LCUS, feedback, GD32), from data sheets, not from the drivers."""
 
 from __future__ import annotations
 

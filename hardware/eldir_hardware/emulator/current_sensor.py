@@ -1,5 +1,8 @@
-"""Emulated INA226 and INA3221 chips, register by register, written from their data sheets (TI SBOS547B,
-SBOS576A), not from the microcontroller's program."""
+"""An emulated current sensor: it runs the microcontroller's program on emulated INA226 and INA3221 chips.
+
+The chips are written register by register from their data sheets (TI SBOS547B, SBOS576A), not from that
+program.
+"""
 
 from __future__ import annotations
 

@@ -85,8 +85,8 @@ class Interlock:
             if spans:
                 self._opened_at[channel] = max(opened for _, opened in spans)
         if self._rig.master_channel is not None:
-            peak = int(temperature[count : 2 * count].argmax()) + count
-            temperature[-1], martensite[-1] = temperature[peak], martensite[peak]
+            hottest = int(temperature[count : 2 * count].argmax()) + count
+            temperature[-1], martensite[-1] = temperature[hottest], martensite[hottest]
         self._pulses = deque(sorted(self._pulses, key=lambda pulse: pulse[2]))
         self._state = SpringState(temperature, martensite)
 
@@ -239,9 +239,9 @@ class Interlock:
     def check(self, now: float) -> None:
         """Raise `LimitError` if a spring is too hot, or a channel has been closed for too long."""
         hot = int(self._state.temperature.argmax())
-        ceiling = self._rig.limits.max_temperature_c
-        inherited_heat = self._no_heat_yet and not any(self._reported)  # by a run with a higher ceiling
-        if self._state.temperature[hot] > ceiling and not inherited_heat:
+        max_temperature = self._rig.limits.max_temperature_c
+        inherited_heat = self._no_heat_yet and not any(self._reported)  # by a run with a higher limit
+        if self._state.temperature[hot] > max_temperature and not inherited_heat:
             channel = self._rig.channels[hot % len(self._column)].channel
             problem, found = "is too hot by the model", f"{self._state.temperature[hot]:.1f} C"
             raise limits.temperature_error(f"the spring on channel {channel} {problem}", self._rig, found)

@@ -25,7 +25,7 @@ from eldir_hardware.clock import EMULATED_PATIENCE, WallClock
 from eldir_hardware.guardian._connection import Connection
 from eldir_hardware.guardian.bank import Report, describe_reason
 from eldir_hardware.guardian.measured_heat import CurrentFlowsError
-from eldir_hardware.guardian.pulse_controller import HeartbeatError, Host, PulseController
+from eldir_hardware.guardian.pulse_controller import Host, KeepaliveError, PulseController
 from eldir_hardware.relay.errors import NotProvenOffError
 from eldir_hardware.rig.board_identity import BoardIdentity, Port, describe_move, identify_open
 from eldir_hardware.rig.configuration import Rig
@@ -272,7 +272,7 @@ class _Run:
         was_received = self._connection.send(event="stopped", reason=reason, proof=proof, **kind)
         if controller is not None and has_heated and is_proven:
             _save_springs(controller, self._rig, self._board or self._port)
-        if not was_received or isinstance(error.__cause__, HeartbeatError):  # nobody else reports it
+        if not was_received or isinstance(error.__cause__, KeepaliveError):  # nobody else reports it
             # At the end, as the terminal may block.
             print_line(f"{self._given_name}: {reason}", hazard=not is_proven)
 

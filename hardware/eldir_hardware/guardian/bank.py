@@ -78,14 +78,14 @@ class HeaterBank(ABC):
 
     @abstractmethod
     def wait_until(self, t: float, on_report: ReportCallback) -> None:
-        """Send heartbeats until `t`, and pass each report to `on_report`."""
+        """Send keepalive messages until `t`, and pass each report to `on_report`."""
 
     @abstractmethod
     def disarm(self) -> None:
         """End normally: everything is switched off and proven off."""
 
     @abstractmethod
-    def stop(self, why: str) -> None:
+    def stop(self, reason: str) -> None:
         """Emergency stop: everything is switched off, proven off, and latched until a reset."""
 
 

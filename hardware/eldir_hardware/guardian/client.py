@@ -40,7 +40,7 @@ from eldir_hardware.safety.off_frames import UnlockedPort, off_bursts
 from eldir_hardware.safety.stop_signals import StoppedError
 
 _logger = logging.getLogger(__name__)
-HEARTBEAT_INTERVAL = 0.1
+KEEPALIVE_INTERVAL = 0.1
 """Interval of the keepalive messages [s]."""
 _START_TIMEOUT = 20.0  # until the process has opened the port, also on a busy computer [s]
 _PROOF_TIMEOUT = 10.0  # until everything has been proven off [s]
@@ -164,7 +164,7 @@ class Guardian(HeaterBank, Resource):
     def keep_alive(self, on_report: ReportCallback) -> None:
         """Send a keepalive message, and pass new reports to `on_report`. Raises `EldirError`.
 
-        A program with its own loop must call this every `HEARTBEAT_INTERVAL`.
+        A program with its own loop must call this every `KEEPALIVE_INTERVAL`.
         """
         self._on_report = on_report
         self._connection.send(command="keepalive")
@@ -177,7 +177,7 @@ class Guardian(HeaterBank, Resource):
             left = t - time.monotonic()
             if left <= 0:
                 return
-            select.select([self._connection], [], [], min(left, HEARTBEAT_INTERVAL))
+            select.select([self._connection], [], [], min(left, KEEPALIVE_INTERVAL))
 
     def disarm(self) -> None:
         self._connection.send(command="disarm")
@@ -208,7 +208,7 @@ class Guardian(HeaterBank, Resource):
                     "the guardian does not answer", remedy="cut the heating supply now"
                 )
             self._connection.send(command="keepalive")
-            select.select([self._connection], [], [], min(left, HEARTBEAT_INTERVAL))
+            select.select([self._connection], [], [], min(left, KEEPALIVE_INTERVAL))
 
     def _require_answers(self) -> None:
         """Raise if the guardian hangs while it may heat; then this process opens the contacts."""

@@ -27,7 +27,7 @@ _MAX_VOLTAGE_FACTOR = 1.1  # a supply may be set higher than the rig file says b
 
 
 class CurrentFlowsError(NotProvenOffError):
-    """Current flows, or voltage stands, in a channel whose contact was commanded to open."""
+    """Current flows, or there is voltage, in a channel whose contact was commanded to open."""
 
     code = "heat.current-flows"
 
@@ -227,7 +227,7 @@ def _require_no_heat(channel: int, measured: Measurement, bounds: Bounds) -> Non
         )
     if abs(voltage) > bounds.supply_voltage_threshold:
         raise CurrentFlowsError(
-            f"voltage stands at channel {channel} although its contact was opened",
+            f"there is voltage at channel {channel} although its contact was opened",
             found=f"{voltage:.1f} V without current, as behind a welded contact with a broken lead",
             remedy="cut the heating supply now",
         )

@@ -40,7 +40,7 @@ _SAME_INSTANT = 1e-3  # switchings within this time are sent together [s]
 _FOREVER = float("inf")
 
 
-class HeartbeatError(EldirError):
+class KeepaliveError(EldirError):
     """The program that heats sends no keepalive messages."""
 
     code = "guardian.heartbeat"
@@ -206,7 +206,7 @@ class PulseController(HeaterBank):
 
     def _step(self, now: float) -> float:
         if now - self._kept_alive_at > PATIENCE:
-            raise HeartbeatError(
+            raise KeepaliveError(
                 f"no keepalive message of the program that heats for {now - self._kept_alive_at:.1f} s"
             )
         self._require_no_delay(now - self._next_step_at)  # a message that waited in the socket proves nothing
@@ -365,7 +365,7 @@ class PulseController(HeaterBank):
     def _require_no_delay(self, seconds: float) -> None:
         if seconds > _MAX_DELAY:
             raise EldirError(
-                f"the program was suspended for {seconds:.1f} s",
+                f"the program was delayed by {seconds:.1f} s",
                 code="guardian.stood-still",
                 remedy="close other programs and start again",
             )

@@ -149,13 +149,13 @@ class BackgroundRecorder(Resource):
                 self._failure = error if isinstance(error, EldirError) else _wrap_error(error)
                 self._waiting.clear()
 
-    def _next_batch(self, sync_at: float) -> list[Callable[[], None]] | None:
-        """The waiting messages, with at most one picture; empty at the time `due`; None at the end."""
+    def _next_batch(self, due: float) -> list[Callable[[], None]] | None:
+        """The waiting messages, with at most one picture; empty at the time `due`, None at the end."""
         with self._changed:
             while not self._waiting:
                 if self._closing:
                     return None
-                if not self._changed.wait(max(sync_at - time.monotonic(), 0.0)):
+                if not self._changed.wait(max(due - time.monotonic(), 0.0)):
                     return []
             batch: list[Callable[[], None]] = []
             while self._waiting:

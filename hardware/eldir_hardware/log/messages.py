@@ -38,7 +38,7 @@ STATUS = "/diagnostics"
 
 
 def marker_topic(name: str) -> str:
-    """Topic of the position of one mark, such as /marks/m1."""
+    """Topic of the position of one marker, such as /marks/m1."""
     return f"/marks/{name}"
 
 

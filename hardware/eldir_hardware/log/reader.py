@@ -33,7 +33,7 @@ class RunLog:
 
     path: Path
     tracks: Trajectory | None
-    """Marks as tracked during the run; None if they were not tracked."""
+    """Markers as tracked during the run; None if they were not tracked."""
     channels: tuple[str, ...]
     """Names of the relay contacts, length C."""
     relay_times: FloatArray
@@ -156,14 +156,14 @@ def _values(rows: _Messages, names: tuple[str, ...]) -> FloatArray:
 
 
 def _tracks(path: Path, arrays: list[Any], epoch: int) -> Trajectory | None:
-    """The trajectory in a run's marker arrays; a deleted marker is a mark that was not seen."""
+    """The trajectory in a run's marker arrays; a deleted marker was not detected."""
     if not arrays:
         return None
     names = tuple(marker.ns for marker in arrays[0].markers)
     stamps = [a.markers[0].header.stamp for a in arrays]
     times = np.array([s.sec * 1_000_000_000 + s.nanosec - epoch for s in stamps], np.int64) * 1e-9
     if (np.diff(times) < 0).any():
-        raise damaged(path, "marks in the order of time")
+        raise damaged(path, "markers in the order of time")
     places = [
         [(k.pose.position.x, k.pose.position.z) if k.action == k.ADD else (np.nan, np.nan) for k in a.markers]
         for a in arrays

@@ -29,7 +29,7 @@ CONTACT_TIME = 0.010
 class RunRequirements(NamedTuple):
     """What a run requires of a board."""
 
-    longest_on: float
+    max_on_s: float
     """The longest pulse [s]."""
     duty: float
     """Largest part of the time for which a channel heats."""

@@ -118,11 +118,18 @@ class MosfetBoard(RelayBoard):
         version, channels, max_on, duty, heartbeat, mask = self._request("LIMITS", len(_LIMITS)).extra.split()
         steady = {i + 1 for i in range(_MASK_BITS) if int(mask, 16) >> i & 1}
         remedy = "change the rig file, or the board's limits: eldir rig firmware"
+        if version != _VERSION:
+            raise InputError(
+                "the MOSFET board has another version of the protocol",
+                code="board.other-limits",
+                expected=_VERSION,
+                found=version,
+                remedy="install the firmware again: eldir rig firmware",
+            )
         for name, fits, allowed in (
-            ("protocol's version", version == _VERSION, _VERSION),
             (
                 "longest pulse",
-                1e3 * requirements.longest_on + 100 <= int(max_on),
+                1e3 * requirements.max_on_s + 100 <= int(max_on),
                 f"{int(max_on) / 1e3 - 0.1:g} s",
             ),
             ("duty", 100 * requirements.duty <= int(duty) + 1e-6, f"{int(duty) / 100:g}"),
@@ -232,7 +239,7 @@ class MosfetBoard(RelayBoard):
         return answer
 
     def _is_late_answer(self, data: bytes) -> bool:
-        """Whether this is an answer to another request, such as that of the programbefore this."""
+        """Whether this is an answer to another request, such as one that a previous program sent."""
         match = _ANSWER.fullmatch(data)
         return match is not None and int(match[2], 16) != self._sequence
 

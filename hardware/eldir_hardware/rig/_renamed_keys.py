@@ -24,18 +24,23 @@ RENAMED = {
     ("virtual", "deviation"): "parameter_spread",
 }
 """Section and old name of an entry, and its name now."""
-_VALUES = {"near": "small", "far": "large", "restarts": True, "ignored": False}
+_VALUES: dict[str, dict[str, Any]] = {
+    "retriggerable": {"restarts": True, "ignored": False},
+    "parameter_spread": {"near": "small", "far": "large"},
+}
+"""Old values of renamed entries, by the present name."""
 
 
 def require_current_names(values: dict[str, Any], where: str) -> None:
     """Raise `InputError` for an entry by its old name."""
     for (section, old), new in RENAMED.items():
         if isinstance(entries := values.get(section), dict) and old in entries:
-            value = json.dumps(_current_value(entries[old]))[:40]
+            value = json.dumps(_current_value(new, entries[old]), default=str)[:40]
             raise InputError(
-                f"{where}: {section}.{old} is now called {section}.{new}",
+                f"{where}: the entry {section}.{old} has another name now",
                 code="rig.renamed-key",
                 key=f"{section}.{old}",
+                expected=f"{section}.{new}",
                 remedy=f"rename it: {new}: {value}",
             )
 
@@ -46,12 +51,12 @@ def with_current_names(values: dict[str, Any]) -> dict[str, Any]:
     for (section, old), new in RENAMED.items():
         if isinstance(entries := present.get(section), dict) and old in entries:
             others = {name: value for name, value in entries.items() if name != old}
-            present[section] = {**others, new: _current_value(entries[old])}
+            present[section] = {**others, new: _current_value(new, entries[old])}
     return present
 
 
-def _current_value(value: Any) -> Any:
-    return _VALUES.get(value, value) if isinstance(value, str) else value
+def _current_value(name: str, value: Any) -> Any:
+    return _VALUES.get(name, {}).get(value, value) if isinstance(value, str) else value
 
 
 def with_original_names(section: str, values: Any) -> Any:

@@ -59,7 +59,8 @@ class BoardIdentity:
         return self.name == other.name
 
     def is_same_device(self, other: BoardIdentity) -> bool:
-        """Whether a proof for one holds for the other: if they share a hardware mark.
+        """Whether a proof for one holds for the other: if they share a hardware mark. If one has none,
+        `is_same_board` decides.
 
         Adapters of one type may share a serial number: they are different while both are connected.
         """

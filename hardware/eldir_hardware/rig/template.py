@@ -20,11 +20,11 @@ MOTORS = 2
 """A robot that can be built has one or two (docs/reference/packet.md)."""
 CURRENT_LIMIT_A = 3.45
 """What a rig like the virtual one may have, rounded down to a twentieth: with it, springs of 0.75 mm wire
-with the fan, pulses of 6 s and a cut-off of 6.3 s stay below the ceiling in the worst corner of the
+with the fan, pulses of 6 s and a cut-off of 6.3 s stay below the temperature limit in the worst corner of the
 tolerances (decision 31). Springs of which no rig is known, `SpringParameters`, have 4 A instead."""
 _HEAD = """\
 # A rig for eldir. Read docs/safety.md before you connect heat.
-# Above each entry stands what it means; a line "# entry: value" is an example that you may uncomment.
+# The comment above each entry explains it; a line "# entry: value" is an example that you may uncomment.
 format: eldir-rig/1
 name: {name}
 kind: {kind}

@@ -151,7 +151,7 @@ def compare_wiring(rig: Rig, packet: PacketWiring) -> str:
     Channels of the rig for motors that the packet does not have are ignored.
     """
     motors = 1 + max((c.spring for c in packet.connections), default=-1)
-    digests_here = select_motors(rig.channels, motors)
-    if wiring_digest(digests_here) == wiring_digest(packet.connections):
+    connections = select_motors(rig.channels, motors)
+    if wiring_digest(connections) == wiring_digest(packet.connections):
         return ""
-    return "; ".join(wiring_differences(digests_here, packet.connections))
+    return "; ".join(wiring_differences(connections, packet.connections))

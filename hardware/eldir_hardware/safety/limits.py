@@ -66,15 +66,15 @@ def check_schedule(schedule: ActuationSchedule, rig: Rig) -> HeatPrediction:
 
 
 def check_heat(pulses: list[Pulse], period: float, rig: Rig, longer: float = 0.0) -> HeatPrediction:
-    """Raise `LimitError` if pulses that are repeated every `period` [s] heat springs above the ceiling in the
+    """Raise `LimitError` if pulses that are repeated every `period` [s] heat springs above the limit in the
     worst corner of the tolerances. `longer`: extension of every pulse [s]."""
-    worst, ceiling = worst_springs(rig), rig.limits.max_temperature_c
+    worst, max_temperature = worst_springs(rig), rig.limits.max_temperature_c
     parts = power_shares(rig, worst, worst=True)
     planned, late = (on_fractions(pulses, period, longer + extra) for extra in (0.0, TIMER_STEP))
-    peak, starts = _temperatures(pulses, period, scale_by_shares(planned, parts), worst, ceiling)
+    peak, starts = _temperatures(pulses, period, scale_by_shares(planned, parts), worst, max_temperature)
     _check_peak(peak, rig, "the springs would get too hot")
     # If the computer fails, the board's timer opens a contact up to a step later.
-    last, _ = _temperatures(pulses, period, scale_by_shares(late, parts), worst, ceiling)
+    last, _ = _temperatures(pulses, period, scale_by_shares(late, parts), worst, max_temperature)
     _check_peak(
         last, rig, f"the springs would get too hot if a pulse lasted one step of {TIMER_STEP:g} s longer"
     )
@@ -128,8 +128,8 @@ def _check_times(pulses: list[Pulse], schedule: ActuationSchedule, rig: Rig) -> 
 
 def temperature_error(problem: str, rig: Rig, found: str, remedy: str | None = None) -> LimitError:
     """The error for a spring above the highest allowed temperature."""
-    ceiling = f"at most {rig.limits.max_temperature_c:g} C"
-    return LimitError(problem, code="limit.too-hot", expected=ceiling, found=found, remedy=remedy)
+    expected = f"at most {rig.limits.max_temperature_c:g} C"
+    return LimitError(problem, code="limit.too-hot", expected=expected, found=found, remedy=remedy)
 
 
 def long_pulse_error(problem: str, rig: Rig, seconds: float) -> LimitError:
@@ -173,11 +173,11 @@ def on_fractions(pulses: list[Pulse], period: float, extra: float = 0.0) -> Floa
 
 
 def _temperatures(
-    pulses: list[Pulse], period: float, on: FloatArray, springs: SpringParameters, ceiling: float
+    pulses: list[Pulse], period: float, on: FloatArray, springs: SpringParameters, max_temperature: float
 ) -> tuple[float, SpringState]:
     """The highest temperature [C], and the state at the hottest start of each channel's pulses."""
     dt = period / len(on)
-    history = run_until_periodic(on, dt, springs, ceiling)
+    history = run_until_periodic(on, dt, springs, max_temperature)
     temperature, martensite = history.temperature, history.martensite
     starts = []
     for i, channel in enumerate(sorted({p.channel for p in pulses})):

@@ -48,7 +48,7 @@ class RecordingLine(SerialLine):
     def close(self) -> None:
         """There is nothing to close."""
 
-    def _exchange(self, query: bytes, most: int, read: Callable[[], bytes]) -> bytes:
+    def _exchange(self, query: bytes, max_length: int, read: Callable[[], bytes]) -> bytes:
         self.write(query)
         return b""
 

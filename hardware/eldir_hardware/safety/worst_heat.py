@@ -21,8 +21,10 @@ _DT = 0.05
 _REMEDY = "lower supply.current_limit_a, or add an independent cut-off to the rig and its file"
 
 
-def run_until_periodic(on: FloatArray, dt: float, springs: SpringParameters, ceiling: float) -> SpringHistory:
-    """Simulate periods from cold until temperatures repeat or exceed `ceiling` [C]; return the last period.
+def run_until_periodic(
+    on: FloatArray, dt: float, springs: SpringParameters, max_temperature: float
+) -> SpringHistory:
+    """Simulate periods from cold until temperatures repeat or exceed `max_temperature` [C]; return the last.
 
     `on` (T, A): part of each step of `dt` [s] for which each spring is heated. Springs that start cold get
     hotter from period to period, so the last one has the highest temperature.
@@ -34,7 +36,7 @@ def run_until_periodic(on: FloatArray, dt: float, springs: SpringParameters, cei
     for _ in range(_MAX_PERIODS):
         history = model.run(every, dt, state)
         change = float(abs(history.temperature[-1] - state.temperature).max())
-        if change < _MAX_CHANGE or history.temperature.max() > ceiling + 5.0:
+        if change < _MAX_CHANGE or history.temperature.max() > max_temperature + 5.0:
             break
         state = history.final
     last = (getattr(history, name)[-len(on) :] for name in ("temperature", "martensite", "length", "current"))
@@ -79,27 +81,27 @@ def stuck_temperature(
 ) -> float:
     """Highest temperature of a spring whose contact welds shut [C]. Raises `LimitError` above the limit.
 
-    Safe is (a) a current so small that the spring settles below the ceiling in still air, alone on the
+    Safe is (a) a current so small that the spring settles below the limit in still air, alone on the
     supply, or (b) a cut-off. `starts`: springs at the start of their pulses, hottest moments. `any_on`
     (T,): whether anything heats in each `step` [s] of a period: with a contactor a welded spring heats too.
     """
     settled = steady_temperature_in_still_air(rig)
-    ceiling = rig.limits.max_temperature_c
-    if settled <= ceiling:
+    max_temperature = rig.limits.max_temperature_c
+    if settled <= max_temperature:
         return settled
     if rig.cutoff is None:
         problem = "a relay contact welded shut would burn its spring"
         raise _stuck_error(problem, rig, f"{settled:.0f} C in still air")
     if isinstance(rig.cutoff, ThermalEntry):
-        if rig.cutoff.opens_at_c > ceiling:
+        if rig.cutoff.opens_at_c > max_temperature:
             found = f"{rig.cutoff.opens_at_c:g} C"
             raise _stuck_error("the thermal switches would open too late", rig, found)
         return rig.cutoff.opens_at_c
     if isinstance(rig.cutoff, ContactorEntry):
         if any_on is None:
             return worst.ambient
-        hottest = float(run_until_periodic(any_on[:, None], step, worst, ceiling).temperature.max())
-        if hottest > ceiling:
+        hottest = float(run_until_periodic(any_on[:, None], step, worst, max_temperature).temperature.max())
+        if hottest > max_temperature:
             problem = "with a contact welded shut, the contactor would let its spring get too hot"
             raise _stuck_error(problem, rig, f"{hottest:.1f} C")
         return hottest
@@ -108,7 +110,7 @@ def stuck_temperature(
     steps = int(np.ceil(rig.cutoff.max_on_s / _DT))
     held = HeatModel([worst] * count).run(np.ones((steps, count)), _DT, starts)
     hottest = float(held.temperature.max())
-    if hottest > ceiling:
+    if hottest > max_temperature:
         problem = "the cut-off would act too late for a relay contact welded shut"
         raise _stuck_error(problem, rig, f"{hottest:.1f} C after {rig.cutoff.max_on_s:g} s")
     return hottest
@@ -116,5 +118,5 @@ def stuck_temperature(
 
 def _stuck_error(problem: str, rig: Rig, found: str) -> LimitError:
     """The error for a contact that stays closed and overheats its spring."""
-    ceiling = f"at most {rig.limits.max_temperature_c:g} C"
-    return LimitError(problem, code="limit.stuck-contact", expected=ceiling, found=found, remedy=_REMEDY)
+    expected = f"at most {rig.limits.max_temperature_c:g} C"
+    return LimitError(problem, code="limit.stuck-contact", expected=expected, found=found, remedy=_REMEDY)

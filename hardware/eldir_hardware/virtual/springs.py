@@ -87,7 +87,7 @@ class ThermalSprings:
             return current, current * float(spring.resistance_at(xi))
 
     def break_lead(self, channel: int) -> None:
-        """From now on no current flows in a channel; the supply's voltage stands at it."""
+        """From now on no current flows in a channel; it has the supply's voltage."""
         self._broken.add(self._column[channel])
 
     def scale_resistance(self, channel: int, factor: float) -> None:

@@ -19,7 +19,7 @@ from eldir_hardware.guardian import _process as process
 from eldir_hardware.guardian._connection import Connection
 from eldir_hardware.guardian.bank import Report
 from eldir_hardware.guardian.measured_heat import CurrentFlowsError
-from eldir_hardware.guardian.pulse_controller import HeartbeatError
+from eldir_hardware.guardian.pulse_controller import KeepaliveError
 from eldir_hardware.relay.errors import ContactError, NotProvenOffError
 from eldir_hardware.rig.board_identity import BoardIdentity
 from eldir_hardware.rig.supply import LimitError
@@ -496,7 +496,7 @@ def test_where_the_program_has_died_the_terminal_is_told(wires, monkeypatch, pro
 def test_where_the_program_hangs_the_terminal_is_told_what_is_not_proven(wires, monkeypatch, proven):
     controller = Noting()
     controller.armed_once = True
-    controller.fails["step"] = HeartbeatError("no keepalive message of the program that heats for 0.7 s")
+    controller.fails["step"] = KeepaliveError("no keepalive message of the program that heats for 0.7 s")
     if not proven:
         controller.fails["stopping"] = ContactError("channel 2 is closed")
     _, _, said = guarded(wires, monkeypatch, controller)

@@ -35,7 +35,7 @@ ROWS = {
     "welded": ((1,), {"c1": HOT, "c2": HOT}, CurrentFlowsError, "current flows in channel 2 although"),
     "half welded": ((), {"c3": (0.011, 0.0)}, CurrentFlowsError, "current flows in channel 3 although"),
     "backwards where open": ((), {"c3": (-1.0, 0.0)}, CurrentFlowsError, "current flows in channel 3"),
-    "welded, lead broken": ((), {"c4": (0.0, 11.0)}, CurrentFlowsError, "voltage stands at channel 4"),
+    "welded, lead broken": ((), {"c4": (0.0, 11.0)}, CurrentFlowsError, "there is voltage at channel 4"),
     "welded beats broken": (
         (1,),
         {"c1": (0.0, 11.0), "c2": HOT},

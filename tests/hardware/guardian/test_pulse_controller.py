@@ -5,7 +5,7 @@ from itertools import pairwise
 import pytest
 
 from eldir.errors import EldirError
-from eldir_hardware.guardian.pulse_controller import HeartbeatError, Host, PulseController
+from eldir_hardware.guardian.pulse_controller import Host, KeepaliveError, PulseController
 from eldir_hardware.relay.errors import SilentBoardError
 from eldir_hardware.safety.limits import LimitError
 from tests.hardware.guardian.pulse_controllers import FAN, controlled, edges, ignore, rig_of, step_until
@@ -23,7 +23,7 @@ def test_how_long_a_heartbeat_may_be_missing(silent, stops):
         heard = virtual.clock.now()
         step_until(virtual, bank, heard + silent)
         if stops:
-            with raises(HeartbeatError, "guardian.heartbeat", match=r"0\.6 s"):
+            with raises(KeepaliveError, "guardian.heartbeat", match=r"0\.6 s"):
                 bank.step()
         else:
             bank.step()
@@ -78,7 +78,7 @@ def test_a_computer_that_was_asleep(slept, stops):
             bank.step()
 
 
-@pytest.mark.parametrize(("gap", "message"), [(0.3, "did not answer"), (0.8, r"was suspended for 0\.[78] s")])
+@pytest.mark.parametrize(("gap", "message"), [(0.3, "did not answer"), (0.8, r"was delayed by 0\.[78] s")])
 def test_a_program_that_slept_while_it_waited_does_not_blame_the_board(monkeypatch, gap, message):
     """Its time for the answer was over when it woke."""
     with controlled(rig_of()) as (virtual, bank, _):

@@ -245,7 +245,10 @@ def test_a_duty_of_just_what_the_board_allows_is_no_more(duty, allowed):
 @pytest.mark.parametrize(
     ("limits", "message"),
     [
-        (" 2 08 06200 050 00400 0000", "protocol's version; expected 1, the limit of the board"),
+        (
+            " 2 08 06200 050 00400 0000",
+            "another version of the protocol; expected 1; found 2",
+        ),
         (" 1 08 06199 050 00400 0000", r"longest pulse; expected 6\.099 s, the"),
         (" 1 08 06200 049 00400 0000", r"this run: duty; expected 0\.49, the"),
         (" 1 03 06200 050 00400 0000", "number of channels; expected 3, the"),

@@ -139,7 +139,7 @@ def test_a_program_that_never_leaves(holders):
     assert holders.frames == 2
 
 
-def test_a_program_that_was_gone_when_it_was_to_be_killed_processes(holders):
+def test_a_program_that_was_gone_when_it_was_to_be_killed(holders):
     stopper = HolderStopper(PORT)
     stopper.request_end()
     holders.time.now += 0.5

@@ -104,7 +104,7 @@ def heating() -> Iterator[tuple[VirtualRig, PulseController]]:
 def test_without_heartbeats_everything_goes_off():
     with heating() as (virtual, bank):
         assert virtual.emulator.contacts[0]
-        with pytest.raises(pulse_controller.HeartbeatError):
+        with pytest.raises(pulse_controller.KeepaliveError):
             while virtual.clock.now() < 4.0:
                 virtual.clock.sleep_until(min(bank.step(), virtual.clock.now() + 0.1))
         assert virtual.clock.now() < 1.0 + pulse_controller.PATIENCE + 0.15
@@ -334,7 +334,7 @@ def test_nothing_heats_while_the_fan_is_off():
 def test_random_pulse_trains_break_no_limit():
     """Ten thousand of them in `make stress`."""
     ended = [play_random_train(seed).ended for seed in range(25)]
-    assert {"played", "LimitError", "HeartbeatError"} <= set(ended)
+    assert {"played", "LimitError", "KeepaliveError"} <= set(ended)
 
 
 def test_twenty_minutes_of_a_schedule():

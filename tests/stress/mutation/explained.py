@@ -4,13 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import yaml
 
+from eldir.core.yaml_files import PlainLoader
 from tests.stress.mutation.mutants import Mutant
 
 FILE = Path(__file__).with_name("explained.yaml")
 Key = tuple[str, str, str, str, int]
+
+
+def read_entries(path: Path = FILE) -> dict[str, Any]:
+    """Module, place and entries. Raises `yaml.YAMLError` where a module or a place stands twice."""
+    return yaml.load(path.read_text(), PlainLoader) or {}
 
 
 class Explained:
@@ -22,7 +29,7 @@ class Explained:
         modules = {key[0] for key in known}
         self.equivalent: dict[Key, str] = {}
         self.accepted: dict[Key, str] = {}
-        for module, places in (yaml.safe_load(path.read_text()) or {}).items():
+        for module, places in read_entries(path).items():
             for where, entries in places.items() if module in modules else ():
                 for entry in entries:
                     for number in entry.get("numbers", [1]):

@@ -121,14 +121,15 @@ class Results:
 
 _HEAD = """# Mutants of the code that keeps heat safe
 
-One small fault at a time is put into a copy of the code: a limit that is missed by one, a condition turned
-round, a number doubled, a statement or an argument left out. The tests must fail. This page is made by
-`python -m tests.stress.mutation --workers 2 --results mutants.json --table docs/safety-mutants.md`.
-`make stress` refuses more than 5 % survivors, and any that is not explained in
-`tests/stress/mutation/explained.yaml`.
+A mutant is a copy of the code with one small fault: a limit that is off by one, an inverted
+condition, a doubled number, a statement or an argument left out. The tests must fail. `make stress`
+runs all mutants with all tests that reach the changed code. It refuses more than 5 % survivors, and
+any survivor that is not explained in `tests/stress/mutation/explained.yaml`. This page is written
+by `python -m tests.stress.mutation --workers 2 --results mutants.json --table
+docs/safety-mutants.md`.
 
+- **Equivalent**: no test can detect the change; it is not run.
+- **Run**: of what is not equivalent.
 - **Killed**: a test failed, or took more than four times its usual time and five seconds more.
-- **Equivalent**: nobody can notice the change; it is not run.
-- **Run**: with tests that take part; of what is not equivalent.
 - **Survived**: no test fails; each is explained below under "Accepted".
 """

@@ -30,7 +30,7 @@ from eldir_ros.conversions import board as convert
 from eldir_ros.conversions import runs
 from eldir_ros.remote.obeyed_commands import ObeyedCommands
 
-_HEARTBEAT_INTERVAL = 0.05  # for the guardian [s]
+_KEEPALIVE_INTERVAL = 0.05  # of messages to the guardian [s]
 
 
 class RelayBoardNode(RigNode):
@@ -57,7 +57,7 @@ class RelayBoardNode(RigNode):
         self.listen("eldir_msgs/msg/HeatCommand", "~/commands", self._on_command, COMPLETE)
         self.serve("std_srvs/srv/Trigger", "emergency_stop", self._on_emergency_stop)
         self.serve("std_srvs/srv/Trigger", "reset_emergency_stop", self._on_reset)
-        self.every(_HEARTBEAT_INTERVAL, self._tick)
+        self.every(_KEEPALIVE_INTERVAL, self._tick)
         self._rate = HeaderlessTopicDiagnostic(
             "states", self.diagnostics, FrequencyStatusParam({"min": 1.5, "max": 15.0})
         )

@@ -113,9 +113,9 @@ class RemoteBank(HeaterBank):
         self._require_nodes()
         self._send(KEEPALIVE)
 
-    def heat(self, at: float, lengths: Mapping[int, float]) -> None:
+    def heat(self, at: float, durations: Mapping[int, float]) -> None:
         self._sequence += 1
-        self._link.send_pulses(at - time.monotonic(), lengths, self._sequence)
+        self._link.send_pulses(at - time.monotonic(), durations, self._sequence)
 
     def abort_pulses(self) -> None:
         self._send(ABORT)
@@ -138,13 +138,13 @@ class RemoteBank(HeaterBank):
         self._send(END_OF_RUN)
         self._prove_off(self._sequence)
 
-    def stop(self, why: str) -> None:
+    def stop(self, reason: str) -> None:
         """Everything off, proven. The board node itself latches the stop where it must: when commands fail to
         arrive, or when the emergency stop is called."""
         self._send(ABORT)
         aborted = self._sequence
         self._send(END_OF_RUN)
-        self._prove_off(aborted, f"{why}; ")
+        self._prove_off(aborted, f"{reason}; ")
 
     def _is_reported(self) -> bool:
         """Whether the board node has reported within `_BOARD_TIMEOUT`."""
