@@ -22,7 +22,7 @@ class Trajectory(FileRecord):
 
     FORMAT = "eldir-trajectory/1"
     OPTIONAL = frozenset({"bridged"})
-    MAX_BYTES = 128 << 20  # an hour of five marks at 60 frames a second takes a third of it
+    MAX_BYTES = 128 << 20  # an hour of five markers at 60 frames a second takes a third of it
     INDENT = None
 
     names: tuple[str, ...]

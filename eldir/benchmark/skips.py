@@ -108,7 +108,7 @@ CASES: dict[str, Callable[[Bodies, Scene], VariantPair]] = {
     "remembered ground, a bound and a grid": grid_on_rugged_ground,
     "no contact in free flight": no_contact,
     "no outputs for passive springs": no_outputs_for_passive_springs,
-    "no step after a robot has blown up": stop,
+    "no step after a robot has diverged": stop,
 }
 
 

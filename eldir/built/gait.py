@@ -214,8 +214,8 @@ class FilmedGait(Record):
     walked: Annotated[float, Field(alias="body_lengths_per_5_cycles")]
     """Displacement that the camera measured [body lengths per five cycles]."""
     upright: bool
-    """Whether the robot stayed upright: its marks were rotated by more than 45 degrees for less than a second
-    in all."""
+    """Whether the robot stayed upright: in all, its markers were rotated by more than 45 degrees for less
+    than a second."""
 
     def __post_init__(self) -> None:
         _ = self.gait  # which refuses what is no gait

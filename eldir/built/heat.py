@@ -111,7 +111,7 @@ class HeatModel:
 
     def __init__(self, parameters: Sequence[SpringParameters], max_change: float = _MAX_CHANGE):
         """`max_change`: steps are divided so that no temperature changes by more in one part [K]."""
-        self._largest_change = max_change
+        self._max_change = max_change
 
         def gather(name: str) -> FloatArray:
             return np.array([getattr(p, name) for p in parameters], dtype=np.float64)
@@ -152,9 +152,7 @@ class HeatModel:
             state = SpringState(self._ambient, np.ones(len(self._ambient)))
         heated = on.max(axis=0, initial=0.0) * self._strongest
         strongest = np.maximum(heated, self._loss * np.abs(state.temperature - self._ambient))
-        parts = max(
-            1, int(np.ceil((strongest / self._sensible).max(initial=0.0) * dt / self._largest_change))
-        )
+        parts = max(1, int(np.ceil((strongest / self._sensible).max(initial=0.0) * dt / self._max_change)))
         few = len(state.temperature) < _FEW and not many
         way = self._heat_one_by_one if few else self._heat_together
         temperatures, fractions, currents = way(on, dt / parts, parts, state)

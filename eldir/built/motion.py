@@ -38,8 +38,8 @@ class PrintedMotion(Record):
     rotations: FloatArray
     """Cosine and sine of the hubs' rotations, shape (T, M, 2), NaN likewise; shape (T, M, 0) without hubs."""
     state: FloatArray
-    """State at the end, from which a further motion can continue: x, y, vx, vy (clamped: also cosine, sine,
-    spin), shape (4 or 7, M)."""
+    """State at the end, from which a further motion can continue: x, y, vx, vy (unless
+    strips are pinned, also cosine, sine, spin), shape (4 or 7, M)."""
     status: int
     """`OK` (-1), or the interval in which the simulation diverged."""
 

@@ -175,8 +175,8 @@ def foremost_mass(positions: FloatArray) -> int:
 
 
 def rest_state(robot: PrintedRobot) -> FloatArray:
-    """State at rest as assembled: x, y, vx, vy; clamped also cosine, sine, spin of hexagons; shape (4 or 7,
-    M)."""
+    """State at rest as assembled: x, y, vx, vy; unless strips are pinned, also cosine, sine, spin of
+    hexagons; shape (4 or 7, M)."""
     masses = len(robot.positions)
     rotations = np.repeat([[1.0], [0.0], [0.0]], masses, axis=1)[: 3 * (robot.joints != "pins")]
     return np.concatenate([robot.positions.T, np.zeros((2, masses)), rotations])

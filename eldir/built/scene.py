@@ -59,7 +59,7 @@ class ModelNumbers(Record):
     limit_m: NonNegativeFloat
     """Largest unexplained_m with which the model fits [m]."""
     motion_m: NonNegativeFloat
-    """Root mean square motion of the marks [m]."""
+    """Root mean square motion of the markers [m]."""
     noise_m: NonNegativeFloat
     """Noise of the tracks [m]."""
     marks: dict[str, dict[str, NonNegativeFloat]]
@@ -96,10 +96,10 @@ class IdentifiedQuantity(Record):
 
 @record
 class TrackErrors(Record):
-    """Errors of the marks' shape and of the walk."""
+    """Errors of the markers' shape and of the walk."""
 
     shape: NonNegativeFloat
-    """Error of the marks' shape [m]."""
+    """Error of the markers' shape [m]."""
     walk_per_second: NonNegativeFloat
     """Error of the walk per second [m]."""
 
@@ -133,7 +133,7 @@ class HeldOutNumbers(Record):
 
 @record
 class ExplainedRanges(Record):
-    """Share of the marks' vertical ranges that each parameter explains, for each parameter and mark."""
+    """Share of the markers' vertical ranges that each parameter explains, for each parameter and marker."""
 
     vertical_range_m_per_prior_deviation: dict[str, dict[str, float]]
     """Change of a range per standard deviation of the parameter's prior [m]."""
@@ -175,7 +175,7 @@ class Identification(Record):
     motor_springs: Annotated[dict[str, tuple[float, ...]] | None, OMITTED] = None
     """For each quantity, the value of each motor's spring; only if the parts differ."""
     explained: Annotated[ExplainedRanges | None, OMITTED] = None
-    """Share of the marks' vertical ranges that each parameter explains; only with --figures."""
+    """Share of the markers' vertical ranges that each parameter explains; only with --figures."""
     next_films: Annotated[tuple[NextFilm, ...] | None, OMITTED] = None
     """Expected information of a film of each gait, the most informative first; only with --figures."""
 

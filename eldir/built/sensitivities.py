@@ -178,5 +178,5 @@ def _tangent_of_member(drive: DriveInputs, mine: MotionInputs, d: Tangent) -> Mo
 
 
 def _broadcast(value: FloatArray | float, like: FloatArray) -> FloatArray:
-    require_shape("array of a direction", np.shape(value), (), like.shape)
+    require_shape("array of a tangent", np.shape(value), (), like.shape)
     return np.broadcast_to(np.asarray(value, np.float64), like.shape)

@@ -79,28 +79,28 @@ class DriveInputs:
         """Stiffness of the active springs [N/m], shape (K + 1, A)."""
         return stiffnesses(self.robot.parameters, self.lengths, self.free)
 
-    def length_tangent(self, slopes: FloatArray) -> Tangent:
+    def length_tangent(self, d_lengths: FloatArray) -> Tangent:
         """Tangent of a parameter that acts through the free lengths, such as a current.
 
-        `slopes`: derivatives of the free lengths [m], shape (K + 1, A). The stiffness follows the length.
+        `d_lengths`: derivatives of the free lengths [m], shape (K + 1, A). The stiffness follows the length.
         """
         p, (cold, hot) = self.robot.parameters, self.free
         inside = (self.heated_fraction > 0) & (self.heated_fraction < 1)
         stiffening = np.where(inside, (p.hot_stiffness - p.cold_stiffness) / (hot - cold), 0.0)
-        return Tangent(lengths=slopes, stiffnesses=slopes * stiffening)
+        return Tangent(lengths=d_lengths, stiffnesses=d_lengths * stiffening)
 
-    def mass_tangent(self, slopes: FloatArray) -> Tangent:
+    def mass_tangent(self, d_masses: FloatArray) -> Tangent:
         """Tangent of a parameter that acts through the masses.
 
-        `slopes`: derivatives of the masses [kg], shape (M,). The moments of inertia of the hexagons follow,
+        `d_masses`: derivatives of the masses [kg], shape (M,). The moments of inertia of the hexagons follow,
         and the dashpots of the strips, whose damping ratio is fixed.
         """
         robot = self.robot
         (a, b), m = robot.springs.T, robot.masses
-        share = (slopes[a] / m[a] * m[b] + slopes[b] / m[b] * m[a]) / (m[a] + m[b])
+        share = (d_masses[a] / m[a] * m[b] + d_masses[b] / m[b] * m[a]) / (m[a] + m[b])
         return Tangent(
-            masses=slopes,
-            inertias=slopes * robot.parameters.gyration**2,
+            masses=d_masses,
+            inertias=d_masses * robot.parameters.gyration**2,
             damping=np.where(robot.active, 0.0, robot.damping / 2 * share),
         )
 
@@ -154,9 +154,9 @@ def _half_connector(drive: DriveInputs) -> Tangent:
 
 
 def _ballast(drive: DriveInputs) -> Tangent:
-    slopes = np.zeros(len(drive.robot.positions))
-    slopes[foremost_mass(drive.robot.positions)] = 1.0
-    return drive.mass_tangent(slopes)
+    d_masses = np.zeros(len(drive.robot.positions))
+    d_masses[foremost_mass(drive.robot.positions)] = 1.0
+    return drive.mass_tangent(d_masses)
 
 
 def _gravity(drive: DriveInputs) -> Tangent:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -45,7 +44,7 @@ def svg(figure: Figure) -> bytes:
 
 
 def _written(figure: Figure, kind: str, dpi: int, metadata: dict[str, None]) -> bytes:
-    buffer = BytesIO()
+    buffer = io.BytesIO()
     figure.savefig(buffer, format=kind, dpi=dpi, metadata=metadata)
     return buffer.getvalue()
 

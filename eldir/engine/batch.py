@@ -1,4 +1,4 @@
-"""Simulating a batch of closed-loop robots: pack, launch the kernel, unpack. All other rooms use this
+"""Simulating a batch of closed-loop robots: pack, launch the kernel, unpack. All other packages use this
 module."""
 
 from __future__ import annotations
@@ -145,9 +145,9 @@ def prepare(
         task = device_task(batch, scene, config.iterations, config.update_length)
         return lambda: _compute_on_device(batch, task)
     start()
-    launch = _launch(batch, scene, config, cotangents)
-    kernel = learning_kernel(scene.precision)
     record_at = _record_offsets(batch, scene, config)
+    launch = _launch(batch, scene, config, cotangents, record_at)
+    kernel = learning_kernel(scene.precision)
 
     def compute() -> BatchResult:
         d_physics = launch.physics_gradients.values
@@ -166,7 +166,11 @@ def prepare(
 
 
 def _launch(
-    batch: Batch, scene: Scene, config: BatchConfig, cotangents: Sequence[FloatArray] | None
+    batch: Batch,
+    scene: Scene,
+    config: BatchConfig,
+    cotangents: Sequence[FloatArray] | None,
+    record_at: NDArray[np.int32],
 ) -> LearningLaunch:
     """The kernel's arguments, with room for its results."""
     real, robots = dtype(scene), len(batch.sizes)
@@ -176,7 +180,6 @@ def _launch(
     workspace = int(workspace_offsets[:, -1].max())
     workers = _workers(robots, workspace, scene)
     memory = aligned(workspace * workers, real)
-    record_at = _record_offsets(batch, scene, config)
     physics_at = batch.physics_offsets(config.physics_gradients)
     packed_cotangents, cotangents_at = pack_cotangents(cotangents, batch, scene)
     begins = (
@@ -188,7 +191,7 @@ def _launch(
         robots=robots, workers=workers, workspace=workspace,
         settings=_settings(scene, config, cotangents is not None, states, ring),
         scene=_scene_constants(scene), rule=_update_rule(scene, config.update_length),
-        ground=_ground(scene, config.shortcuts.grid), cpgs=pack_cpgs(scene).reshape(-1, 16),
+        ground=_ground_arrays(scene, config.shortcuts.grid), cpgs=pack_cpgs(scene).reshape(-1, 16),
         queue=aligned(1, np.int32), offsets=packed(offsets_by_robot, np.int32),
         workspace_offsets=packed(workspace_offsets, np.int32), blocks=workspace_offsets.shape[1],
         arrays=RobotArrays(
@@ -241,7 +244,7 @@ def device_task(batch: Batch, scene: Scene, iterations: int, update_length: floa
     starts = (b.cell_at, b.mass_at, b.motor_at, b.weight_at)
     return device.DeviceTask(
         scene.precision, settings, _scene_constants(scene), _update_rule(scene, update_length),
-        _ground(scene, True), pack_cpgs(scene), np.stack(b.counts, axis=1),
+        _ground_arrays(scene, True), pack_cpgs(scene), np.stack(b.counts, axis=1),
         np.stack([at[:-1] for at in starts], axis=1), arrays, b.weights,
     )  # fmt: skip
 
@@ -259,7 +262,7 @@ def _update_rule(scene: Scene, length: float) -> UpdateRule:
     return UpdateRule(length=length, bias_gain=gain, min_gradient=_MIN_GRADIENT)
 
 
-def _ground(scene: Scene, grid: bool) -> GroundArrays:
+def _ground_arrays(scene: Scene, grid: bool) -> GroundArrays:
     ground = pack_ground(scene, grid)
     return GroundArrays(
         level=-contact.INFINITY if scene.contact == "none" else ground.level, max_height=ground.max_height,

@@ -40,7 +40,7 @@ def initial_controllers(
 
 
 class InitialControllers(Sequence[Controller]):
-    """`initial_of` each robot, made when it is read: those of thousands of robots need not exist together."""
+    """The initial controller of each robot, made when it is read: thousands need not exist together."""
 
     def __init__(self, morphologies: Sequence[Morphology], scene: Scene, origins: Sequence[Controller | Key]):
         self._morphologies, self._scene, self._origins = morphologies, scene, origins

@@ -24,9 +24,9 @@ class Chord(NamedTuple):
     nx: Any
     """Unit vector."""
     ny: Any
-    ux: Any
+    vx: Any
     """Velocity of the first mass relative to the second [m/s]."""
-    uy: Any
+    vy: Any
     length: Any
     """[m]"""
     rate: Any
@@ -36,42 +36,40 @@ class Chord(NamedTuple):
 
 
 @ti.func
-def chord(group: ti.template(), now: ti.template(), a, b):
+def chord(now: ti.template(), a, b):
     dx, dy = now.x[a] - now.x[b], now.y[a] - now.y[b]
-    ux, uy = now.vx[a] - now.vx[b], now.vy[a] - now.vy[b]
+    vx, vy = now.vx[a] - now.vx[b], now.vy[a] - now.vy[b]
     length = ti.sqrt(dx * dx + dy * dy) + 1e-12  # never divides by 0
     per_length = ONE / length
     nx, ny = dx * per_length, dy * per_length
-    rate = ux * nx + uy * ny
-    return ti.static(Chord(nx, ny, ux, uy, length, rate, per_length))
+    rate = vx * nx + vy * ny
+    return ti.static(Chord(nx, ny, vx, vy, length, rate, per_length))
 
 
 @ti.func
 def chord_tangent(tangent: ti.template(), a, b, c: ti.template()):
     d_dx, d_dy = tangent.x[a] - tangent.x[b], tangent.y[a] - tangent.y[b]
-    d_ux, d_uy = tangent.vx[a] - tangent.vx[b], tangent.vy[a] - tangent.vy[b]
+    d_vx, d_vy = tangent.vx[a] - tangent.vx[b], tangent.vy[a] - tangent.vy[b]
     d_length = c.nx * d_dx + c.ny * d_dy
     d_nx = (d_dx - c.nx * d_length) * c.per_length
     d_ny = (d_dy - c.ny * d_length) * c.per_length
-    d_rate = d_ux * c.nx + c.ux * d_nx + d_uy * c.ny + c.uy * d_ny
-    return ti.static(Chord(d_nx, d_ny, d_ux, d_uy, d_length, d_rate))
+    d_rate = d_vx * c.nx + c.vx * d_nx + d_vy * c.ny + c.vy * d_ny
+    return ti.static(Chord(d_nx, d_ny, d_vx, d_vy, d_length, d_rate))
 
 
 @ti.func
 def chord_spin(c: ti.template()):
     """Angular velocity of the chord [rad/s]."""
-    return (c.nx * c.uy - c.ny * c.ux) * c.per_length
+    return (c.nx * c.vy - c.ny * c.vx) * c.per_length
 
 
 @ti.func
 def chord_spin_tangent(c: ti.template(), dc: ti.template(), chord_spin):
-    return (dc.nx * c.uy + c.nx * dc.uy - dc.ny * c.ux - c.ny * dc.ux - chord_spin * dc.length) * c.per_length
+    return (dc.nx * c.vy + c.nx * dc.vy - dc.ny * c.vx - c.ny * dc.vx - chord_spin * dc.length) * c.per_length
 
 
 @ti.func
-def delayed_rotation(
-    group: ti.template(), now: ti.template(), c: ti.template(), cosine, sine, spin, ex, ey, chord_spin
-):
+def delayed_rotation(now: ti.template(), c: ti.template(), cosine, sine, spin, ex, ey, chord_spin):
     """Angle of a strip's end from its chord, and what its damping delay adds to it [rad]."""
     rotation = end_rotation(c.nx, c.ny, cosine, sine, ex, ey)
     return rotation + now.delay * (spin - chord_spin)
@@ -142,7 +140,7 @@ def spring_impulses(group: ti.template(), now: ti.template(), tangent: ti.templa
     for k in range(group.springs):
         s = group.spring_at + k
         a, b = group.ends[2 * s], group.ends[2 * s + 1]
-        c = ti.static(chord(group, now, a, b))
+        c = ti.static(chord(now, a, b))
         dc = ti.static(chord_tangent(tangent, a, b, c) if group.tangents else c)
         force, d_force = now.damping[s] * c.rate, LaneVector(0.0)
         if ti.static(group.tangents):
@@ -184,8 +182,8 @@ def bending_couple(
     ca, sa, ra = now.cosine[a], now.sine[a], now.spin[a]
     cb, sb, rb = now.cosine[b], now.sine[b], now.spin[b]
     turning = chord_spin(c)
-    pa = delayed_rotation(group, now, c, ca, sa, ra, ex, ey, turning)
-    pb = delayed_rotation(group, now, c, cb, sb, rb, ex, ey, turning)
+    pa = delayed_rotation(now, c, ca, sa, ra, ex, ey, turning)
+    pb = delayed_rotation(now, c, cb, sb, rb, ex, ey, turning)
     ma, mb = end_moments(group.dt * now.bending[s], pa, pb)
     add_moments(now, a, b, ma, mb)
     couple = (ma + mb) * c.per_length

@@ -80,7 +80,7 @@ class GroundArrays(NamedTuple):
     max_height: Number
     """No ground is higher [m]."""
     segments: Values
-    """`contact.SEGMENT` values each."""
+    """`contact.SEGMENT_VALUES` values each."""
     grid_start: Number
     """Start of the second cell of the grid [m]."""
     cells_per_m: Number

@@ -134,10 +134,10 @@ def evolve_printed(
 ) -> bool:
     """Continue a run to its end; returns whether it got there.
 
-    `refused` says why a body cannot be built, and must be the same whenever a run is continued. `stopped` is
-    asked before each generation; `progress` is called with the search and the present generation's share.
-    `evaluate` runs the trials, such as `Cluster.evaluate`. The caller holds the run's lock
-    if several processes may write.
+    `rejection_reason` says why a body cannot be built, and must be the same whenever a run is continued.
+    `stopped` is asked before each generation; `progress` is called with the search and the present
+    generation's share. `evaluate` runs the trials, such as `Cluster.evaluate`. The caller holds the run's
+    lock if several processes may write.
     """
     search = run.restore(rejection_reason)
     search.evaluate = evaluate

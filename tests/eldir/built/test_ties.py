@@ -49,11 +49,11 @@ def test_it_is_a_share_of_the_sliding_not_of_the_time() -> None:
 def test_without_sliding_or_without_two_feet_there_is_no_tie() -> None:
     robot = standing(0.5)
     assert tie_share(robot, slid((0.0, 0.0))) == 0.0
-    with_ambient = slid((0.01, 0.01))
-    with_ambient[..., 1] = 0.01
-    assert tie_share(robot, with_ambient) == 0.0
-    with_ambient[:, 0, 1] = 0.0
-    assert tie_share(robot, with_ambient) == 0.0
+    airborne = slid((0.01, 0.01))
+    airborne[..., 1] = 0.01
+    assert tie_share(robot, airborne) == 0.0
+    airborne[:, 0, 1] = 0.0
+    assert tie_share(robot, airborne) == 0.0
 
 
 @given(st.integers(0, 10_000))

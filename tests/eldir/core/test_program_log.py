@@ -70,7 +70,7 @@ def test_a_wrong_variable_is_one_line(text, problem, monkeypatch):
         ("error", 1, "info"),
         ("info", 1, "debug"),
         ("debug", 1, "debug"),
-        ("eldir_hardware.relay=debug,cad=error", 1, "eldir_hardware.relay=debug,cad=error,info"),
+        ("eldir_hardware.relay=debug,eldir_cad=error", 1, "eldir_hardware.relay=debug,eldir_cad=error,info"),
     ],
 )
 def test_each_v_is_one_step(before, steps, after, monkeypatch):

@@ -39,4 +39,4 @@ def test_played_phase_by_phase_robots_learn_as_on_the_cpu() -> None:
             for order in ORDERS.values():
                 found = player.compute(case.task(), order)
                 assert np.abs(found - whole).max() <= 1e-9 * np.abs(whole).max()
-        assert Barrier("reverse", "push", "gather") in player.seen
+        assert Barrier("reverse", "spring_impulses_adjoint", "position_gradients") in player.seen

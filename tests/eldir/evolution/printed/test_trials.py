@@ -91,6 +91,7 @@ def test_a_coil_near_its_buckling_load_counts_as_no_walk() -> None:
     up_to_buckling = [alone(body, gait, hubs, (9, k), 1, 9.0) for k in range(2)]
     assert np.isfinite(up_to_buckling).all()
     assert alone(body, gait, hubs, (9, 1), 1, 9.0, 0.75) == -np.inf
+    assert alone(body, gait, hubs, (9, 0), 1, 9.0, 0.75) == up_to_buckling[0]
     found = evaluate_walks([Trial(body, (gait,), (9,))], NOMINAL)[0, :2]
     assert found[0] == pytest.approx(up_to_buckling[0], abs=5e-4) and found[0] != 0.0 and found[1] == 0.0
 
