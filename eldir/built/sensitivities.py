@@ -123,9 +123,6 @@ def _check_arguments(
     for drive in drives:
         free_ranges(drive.free, 1)
     every = check_times([drive.interval for drive in drives], every, step)
-    if any(robot.joints == "hubs" for robot in robots):
-        problem = "robots with hubs have no derivatives"
-        raise InputError(problem, code="robot.hubs", remedy="start from BuiltParameters()")
     return every
 
 

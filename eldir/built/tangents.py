@@ -128,7 +128,7 @@ def _strip_damping(drive: DriveInputs) -> Tangent:
     r, p = drive.robot, drive.robot.parameters
     (a, b), m = r.springs.T, r.masses
     critical = 2 * np.sqrt(r.stiffness * m[a] * m[b] / (m[a] + m[b]))
-    delay = 2 * np.sqrt(p.hexagon / 2 * p.pitch**2 / (12 * p.bending)) if r.joints == "clamped" else 0.0
+    delay = 0.0 if r.joints == "pins" else 2 * np.sqrt(p.hexagon / 2 * p.pitch**2 / (12 * p.bending))
     return Tangent(damping=np.where(r.active, 0.0, critical), bending_delay=float(delay))
 
 

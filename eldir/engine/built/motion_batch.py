@@ -143,7 +143,7 @@ def _group_results(
     def result(lane: int) -> MotionResult:
         motions = [a.record[record, lane].reshape(shape).transpose(0, 2, 1).copy() for a in arrays]
         states = [a.state[state, lane].reshape(rows, masses).copy() for a in arrays]
-        tangents = (motions[1], states[1]) if len(arrays) == 2 else None
+        tangents = (motions[1][..., :2], states[1]) if len(arrays) == 2 else None
         x, rotations = motions[0][..., :2], motions[0][..., 2:]
         return MotionResult(x, rotations, states[0], int(launch.status[LANES * g + lane]), tangents)
 
