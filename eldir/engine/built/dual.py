@@ -26,8 +26,9 @@ class _NoExpression:
 class Dual(Expr):  # type: ignore[misc]
     """A value and its derivative.
 
-    It is an `Expr`, so that Python asks it first when it stands to the right of one. Its `ptr` is no expression:
-    where a function of the compiler gets a dual number, compiling fails instead of losing the derivative.
+    It is an `Expr`, so that Python asks it first when it stands to the right of one. Its `ptr` is no
+    expression: where a function of the compiler gets a dual number, compiling fails instead of losing the
+    derivative.
     """
 
     _data_oriented = True  # the compilers assign such an object to a name as it is
@@ -118,7 +119,9 @@ class DualView:
 
 
 def pair(value: Any, derivative: Any) -> Any:
-    """A number or an array, with its derivative."""
+    """A number, an array or a tuple of these, with its derivative."""
+    if isinstance(value, tuple):
+        return type(value)(*map(pair, value, derivative))
     return (Dual if isinstance(value, Expr) else DualView)(value, derivative)
 
 

@@ -40,7 +40,7 @@ def chord(now: ti.template(), a, b):
 def delayed_rotation(now: ti.template(), c: ti.template(), cosine, sine, spin, ex, ey, chord_spin):
     """Angle of a strip's end from its chord, and what its damping delay adds to it [rad]."""
     rotation = end_rotation(c.nx, c.ny, cosine, sine, ex, ey)
-    return rotation + now.delay * (spin - chord_spin)
+    return rotation + now.numbers.delay * (spin - chord_spin)
 
 
 @ti.func

@@ -24,8 +24,8 @@ def move_masses(group: ti.template(), now: ti.template(), going):
     """Semi-implicit Euler with drag, gravity, impulses and the table. Robots not `going` wait."""
     for i in range(group.masses):
         w, before_x, before_y = now.inverse_mass[i], now.vx[i], now.vy[i]
-        wx = now.decay * before_x + now.impulse_x[i] * w + now.gravity_tangent_dt
-        wy = now.decay * before_y + now.impulse_y[i] * w + now.gravity_normal_dt
+        wx = now.numbers.decay * before_x + now.impulse_x[i] * w + now.numbers.gravity_tangent_dt
+        wy = now.numbers.decay * before_y + now.impulse_y[i] * w + now.numbers.gravity_normal_dt
         vx, vy = coulomb_contact(now.y[i], wx, wy, now.friction[i], group.dt)
         now.x[i] = now.x[i] + select(going, group.dt * vx, ZERO)
         now.y[i] = now.y[i] + select(going, group.dt * vy, ZERO)
@@ -39,7 +39,7 @@ def move_masses(group: ti.template(), now: ti.template(), going):
 def turn_hexagons(group: ti.template(), now: ti.template(), going):
     for i in range(group.masses):
         before = now.spin[i]
-        after = now.decay * before + now.moment[i] * now.inverse_inertia[i]
+        after = now.numbers.decay * before + now.moment[i] * now.inverse_inertia[i]
         turn_hexagon(group, now, i, select(going, after, before), going)
         now.moment[i] = ZERO
 

@@ -9,8 +9,8 @@ forward only and keeps no history, for horizons of a million steps. It computes 
 a step moves a mass by less than float32 can resolve.
 
 A tangent is computed by forward-mode differentiation (`dual`), step by step. Each lane then is one robot with
-one parameter, so that eight parameters of a robot, or one parameter of eight robots, go side by side. The time
-step itself does not depend on the parameter.
+one parameter, so that eight parameters of a robot, or one parameter of eight robots, go side by side. The
+time step itself does not depend on the parameter.
 """
 
 from collections.abc import Callable
@@ -22,7 +22,6 @@ from eldir.engine.built.impulses import spring_impulses
 from eldir.engine.built.integration import move_masses, turn_hexagons
 from eldir.engine.built.motion_launch import (
     LANES,
-    GroupArrays,
     LaneVector,
     MotionKind,
     MotionLaunch,
@@ -61,7 +60,7 @@ def move_group(
     launch: ti.template(), g, group: ti.template(), values: ti.template(), derivatives: ti.template()
 ):
     """All intervals of a group's motion, until every robot has diverged."""
-    now = ti.static(GroupArrays(*map(pair, values, derivatives)) if group.tangents else values)
+    now = ti.static(pair(values, derivatives) if group.tangents else values)
     initialize(group, values)
     if ti.static(group.tangents):
         initialize(group, derivatives)

@@ -9,9 +9,7 @@ import pytest
 
 from eldir.built.motion import drive
 from eldir.built.robot import PrintedRobot, build, rest_state
-from eldir.built.sensitivities import sensitivities
 from eldir.built.stability import STICKS, stable_step
-from eldir.built.tangents import DriveInputs
 from eldir.errors import InputError
 from eldir.parameters.printed import BuiltParameters
 from eldir_cad.checks.strip_law import StripLaw, hub_parameters
@@ -231,12 +229,6 @@ def test_robots_of_all_kinds_move_side_by_side() -> None:
         (alone,) = drive([robot], [table], 0.01)
         assert alone == motion
     assert together[0] != together[3]
-
-
-def test_hubs_have_no_slopes() -> None:
-    robot = build(bodies(1)[0], HUBS)
-    with raises(InputError, "robot.hubs"):
-        sensitivities([DriveInputs(robot, swing(robot, 3), 0.01)], [["friction"]])
 
 
 def test_sockets_need_strips_that_bend() -> None:

@@ -268,7 +268,7 @@ def test_a_robot_does_not_depend_on_its_neighbours() -> None:
     body, p = bodies(1)[0], BuiltParameters()
     robots = [build(body, p.perturb(rng), rng=rng) for rng in map(np.random.default_rng, range(11))]
     tables = [swing(r, 31, period=0.2 + 0.02 * i) for i, r in enumerate(robots)]
-    assert len({driving._substeps(r, 0.01, None) for r in robots}) > 2
+    assert len({driving.substeps(r, 0.01, None) for r in robots}) > 2
     together = drive(robots, tables, 0.01)
     for robot, table, motion in zip(robots, tables, together, strict=True):
         (alone,) = drive([robot], [table], 0.01)
