@@ -197,7 +197,7 @@ def test_what_is_refused() -> None:
     base = drives(BuiltParameters(), 2)
     with raises(InputError, "input.unknown-name", "parameter", match="found 'colour'"):
         sensitivities([base], [["colour"]])
-    with raises(InputError, "input.wrong-shape", "array of a direction"):
+    with raises(InputError, "input.wrong-shape", "array of a tangent"):
         sensitivities([base], [[Tangent(rest_lengths=np.zeros(3))]])
     with raises(InputError, "input.wrong-value", "parameters of drive 0"):
         sensitivities([base], [[]])
