@@ -79,6 +79,7 @@ def run_demo(
     with new_folder(out) as draft:
         shortlist = _evolve_shortlist(draft, config, progress)
         choice = choose_design(shortlist)
+        write_shortlist(shortlist, draft / "shortlist")
         choice.design.save(draft / "design.json")
         progress("packet for the workshop", 0.0)
         write_packet(choice.design, draft / "packet")
@@ -109,15 +110,13 @@ def _evolve_shortlist(folder: Path, config: DemoConfig, progress: Progress) -> S
 
     run = folder / "run"
     evolve_printed(PrintedRun.create(run, evolution), conditions.rejection_reason, is_done, show)
-    shortlist = rank(
+    return rank(
         load_run(run),
         config.finalists,
         seed=config.seed,
         progress=lambda stage, fraction: progress(f"choosing: {stage}", fraction),
         springs=conditions.springs,
     )
-    write_shortlist(shortlist, folder / "shortlist")
-    return shortlist
 
 
 def _drive_and_track(

@@ -23,7 +23,7 @@ def hub_name(hub: int) -> str:
 
 
 def urdf_text(name: str, meshes: Mapping[int, str], middle: float) -> str:
-    """The text of a URDF file; `meshes`: address of the STL file of each hub [m].
+    """The text of a URDF file; `meshes`: address of the STL file of each hub, in metres.
 
     The hubs' joints move in the plane of the tracking discs, on the front of the robot; `middle`: distance of
     the hubs' middle behind it [m]."""

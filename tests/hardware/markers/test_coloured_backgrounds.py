@@ -34,8 +34,8 @@ from tests.raised import raises
 
 _FRAMES = TIMES[:32:2]
 _BACKGROUNDS = ["grey", *WOODS, "orange", "burgundy", "lilac"]
-_IN_BRIEF = {("grey", 0), ("walnut", 0), ("mahogany", 1), ("lilac", 0)}
-"""Without a colour, the darkest, the one nearest to the colour of a mark, and a cloth."""
+_IN_BRIEF = {("grey", 0), ("walnut", 0), ("mahogany", 1), ("orange", 1), ("lilac", 0)}
+"""Without a colour, the darkest, the two nearest to the colour of a mark, and a cloth."""
 
 
 @cache
