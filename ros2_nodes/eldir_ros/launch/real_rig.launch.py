@@ -51,7 +51,7 @@ def generate_launch_description():
             "external",
             "external: a driver publishes the pictures; or a name such as camera:0.",
         ),
-        ("tags", "", "File with the positions of the fixed tags."),
+        ("tags", "", "File with the positions of the reference tags."),
         ("plane", "", "File of a calibrated plane, instead of tags."),
         ("lens", "", "Lens file of the camera, from eldir calibrate camera."),
         ("logs", ".", "Folder for the logs."),
