@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from eldir import defaults
+from eldir.built.gait import CYCLES
 from eldir.core.files import new_folder, write_text
 from eldir.core.worker_process import WorkerProcess
 from eldir.design import Design, marked_masses
@@ -20,7 +21,7 @@ from eldir_cad.shortlist.folder import write_shortlist
 from eldir_cad.shortlist.ranking import RankedDesign, Shortlist, rank
 from eldir_calibration.comparison.motions import prepare_report
 from eldir_calibration.comparison.predictions import SAMPLES
-from eldir_calibration.report.comparison import CYCLES, MotionReport
+from eldir_calibration.report.comparison import MotionReport
 from eldir_calibration.report.page import ReportInput, write_report
 from eldir_hardware.planning.plan import PlanConfig, plan
 from eldir_hardware.planning.workshop import make_workshop
@@ -79,6 +80,7 @@ def run_demo(
     with new_folder(out) as draft:
         shortlist = _evolve_shortlist(draft, config, progress)
         choice = choose_design(shortlist)
+        write_shortlist(shortlist, draft / "shortlist")
         choice.design.save(draft / "design.json")
         progress("packet for the workshop", 0.0)
         write_packet(choice.design, draft / "packet")
@@ -109,15 +111,13 @@ def _evolve_shortlist(folder: Path, config: DemoConfig, progress: Progress) -> S
 
     run = folder / "run"
     evolve_printed(PrintedRun.create(run, evolution), conditions.rejection_reason, is_done, show)
-    shortlist = rank(
+    return rank(
         load_run(run),
         config.finalists,
         seed=config.seed,
         progress=lambda stage, fraction: progress(f"choosing: {stage}", fraction),
         springs=conditions.springs,
     )
-    write_shortlist(shortlist, folder / "shortlist")
-    return shortlist
 
 
 def _drive_and_track(

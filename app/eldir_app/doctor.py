@@ -22,7 +22,7 @@ from eldir_app.notifications import INSTALL, Delivery, is_installed
 from eldir_cad.packet.wiring_file import read_wiring
 from eldir_hardware.camera.lens import require_not_expired
 from eldir_hardware.guardian.measured_heat import require_no_current
-from eldir_hardware.rig._addresses import describe_address
+from eldir_hardware.rig.addresses import describe_address
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.devices import get_requirements, open_board
 from eldir_hardware.rig.sections import LiveCameraEntry

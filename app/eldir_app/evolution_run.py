@@ -36,7 +36,7 @@ Show = Callable[[float, str], None]
 """Called with the number of generations done, with the fraction of the present one, and a line of text."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class NewRunOptions:
     """What the command line says about a new run. None: the default of the objective."""
 

@@ -16,7 +16,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from eldir_hardware.rig._addresses import describe_address
+from eldir_hardware.rig.addresses import describe_address
 
 if TYPE_CHECKING:
     from eldir_hardware.rig.configuration import Rig

@@ -109,7 +109,7 @@ class Info(FileRecord):
     """For each extra of eldir, the version of each distribution that it adds; null where it is not
     installed."""
     plug_ins: Annotated[tuple[str, ...], Field(alias="plug-ins")]
-    """Commands, boards and workshops that other distributions add."""
+    """Commands, boards and kinds of marker that other distributions add."""
     variables: dict[str, str]
     """Environment variables that change what eldir does, where they are set."""
     ports: tuple[str, ...]

@@ -1,7 +1,7 @@
 """Records: immutable dataclasses that say the type, range, unit and meaning of a field once, in the field.
 
 A field is checked by its annotation when a record is made and when it is read from a file; JSON Schemas and
-reference pages are made from the same annotations (`docs/formats.py`).
+reference pages are made from the same annotations (`docs/site/schemas.py`, `docs/site/format_pages.py`).
 """
 
 from __future__ import annotations

@@ -139,7 +139,7 @@ class Quantity:
         part = robot.printed if hasattr(robot.printed, self.field) else robot.springs
         return float(getattr(part, self.field))
 
-    def slopes(self, names: Sequence[str]) -> FloatArray:
+    def gradient(self, names: Sequence[str]) -> FloatArray:
         """Derivative of its logarithm (of the value itself, if additive) with respect to z of each named
         parameter, shape (P,)."""
         return np.array([PARAMETERS[n].spread * PARAMETERS[n].powers.get(self.field, 0.0) for n in names])

@@ -97,10 +97,10 @@ class Randomisation(Record):
             for name, share in shares.items():
                 quantity = QUANTITIES[name]
                 centre[i] += share * np.log(quantity.value(scene.robot) / quantity.value(nominal))
-                slopes[i] += share * quantity.slopes(scene.parameters)
+                slopes[i] += share * quantity.gradient(scene.parameters)
             if inverse_masses:
                 centre[i] -= np.log(mass.value(scene.robot) / mass.value(nominal))
-                slopes[i] -= mass.slopes(scene.parameters)
+                slopes[i] -= mass.gradient(scene.parameters)
         centre[0] += np.log(BuiltParameters().friction)
         return cls(centre, slopes @ scene.covariance @ slopes.T, STRIP_SPREAD / BuiltParameters().pitch)
 

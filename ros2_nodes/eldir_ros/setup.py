@@ -2,7 +2,7 @@
 # Use of this source code is governed by an MIT-style license that can be found in the LICENSE file or at
 # https://opensource.org/licenses/MIT.
 
-"""The package as colcon builds it; without ROS the toolkit's own pyproject.toml installs these modules."""
+"""The package as colcon builds it. The toolkit's wheel does not contain it."""
 
 from glob import glob
 

@@ -12,6 +12,7 @@ from eldir.evolution.printed.search import PrintedSearch
 from eldir.genotype import random_genotypes
 from eldir.lattice import Lattice
 from eldir.morphology import develop
+from eldir_app import demo
 from eldir_app.demo import choose_design, has_good_walker
 from eldir_cad.shortlist.ranking import Shortlist
 from tests.eldir.evolution.printed.small_searches import SMALL, genomes
@@ -65,3 +66,12 @@ def test_a_robot_walks_well_if_it_is_known_to(walks, enough):
     walker = Walker(1, -1, 0, genomes(1)[0], Niche(1, 1, 1, 1), np.array(walks))
     assert has_good_walker(PrintedSearch(SMALL, archive=Archive({walker.niche: walker}))) == enough
     assert not has_good_walker(PrintedSearch(SMALL))
+
+
+def test_a_demo_without_a_design_names_its_own_remedy(tmp_path, monkeypatch):
+    """Not that of `eldir shortlist`, whose options the demo does not have; and nothing is left behind."""
+    monkeypatch.setattr(demo, "evolve_printed", lambda *_: None)  # it always finds some
+    monkeypatch.setattr(demo, "load_run", lambda run: [])
+    with raises(EldirError, "shortlist.empty", match="found 0 bodies: no designs; try another seed"):
+        demo.run_demo(tmp_path / "demo", demo.DemoConfig())
+    assert not any(tmp_path.iterdir())

@@ -4,6 +4,7 @@ Which room may import which is held by the import contracts in pyproject.toml (`
 """
 
 import ast
+import re
 import runpy
 import sys
 from collections import Counter
@@ -28,6 +29,13 @@ def test_every_room_says_what_lives_there_and_what_does_not() -> None:
         if path.name == "__init__.py":
             said = ast.get_docstring(ast.parse(path.read_text())) or ""
             assert len([line for line in said.splitlines() if line.strip()]) >= 2, path
+
+
+def test_a_name_that_the_spelling_list_proposes_exists() -> None:
+    """`make lint` refuses a name that was given up, and proposes the present one."""
+    words = set(re.findall(r"\w+", "".join(path.read_text() for path in FILES)))
+    entries = (ROOT / ".ci" / "words.txt").read_text().split()
+    assert [entry for entry in entries if entry.partition("->")[2] not in words] == []
 
 
 def test_a_module_is_on_the_python_pages_or_its_name_begins_with_an_underscore(monkeypatch) -> None:

@@ -4,7 +4,8 @@ import threading
 import time
 
 from eldir_ros.conversions.board import BoardState
-from eldir_ros.remote.remote_bank import ABORT, END_OF_RUN, RemoteBank
+from eldir_ros.conversions.runs import ABORT, END_OF_RUN
+from eldir_ros.remote.remote_bank import RemoteBank
 
 RUN = "a run"
 

@@ -242,6 +242,12 @@ def test_an_edge_comes_back():
     assert (message.elapsed, message.channel, message.closed) == (0.5, 1, True)
 
 
+def test_the_commands_are_those_of_the_message():
+    message = new_message("eldir_msgs/msg/HeatCommand")
+    for name in ("KEEPALIVE", "PULSES", "ABORT", "END_OF_RUN"):
+        assert getattr(runs, name) == getattr(message, name)
+
+
 def test_pulses_come_back_with_their_delay():
     sent = runs.pulses_of(new_message, "a", 3, 0.25, {2: 0.7, 4: 1.5})
     message = passed(sent, "eldir_msgs/msg/HeatCommand")
@@ -285,20 +291,22 @@ def goal(**fields):
 
 def test_a_schedule_travels_as_fields_or_as_text_and_not_as_both():
     plan, text = runs.plan_of(new_message, schedule()), json.dumps(schedule().to_json())
-    assert runs.goal_of(goal(plan=plan)) == runs.goal_of(goal(schedule=text)) == schedule()
+    assert (
+        runs.schedule_from_goal(goal(plan=plan)) == runs.schedule_from_goal(goal(schedule=text)) == schedule()
+    )
     for fields, found in (({}, "neither"), ({"plan": plan, "schedule": text}, "both")):
         with pytest.raises(InputError, match=f"must contain one schedule.* found {found}"):
-            runs.goal_of(goal(**fields))
+            runs.schedule_from_goal(goal(**fields))
     plan.events[0].face = "side"
     with pytest.raises(InputError, match=r"invalid \S*face"):
-        runs.goal_of(goal(plan=plan))
+        runs.schedule_from_goal(goal(plan=plan))
 
 
-def test_ranges_of_motion_have_a_value_for_each_mark():
+def test_ranges_of_motion_have_a_value_for_each_marker():
     ranges = {"predicted": np.array([0.01, 0.02]), "tracked": np.array([0.011, 0.019])}
     sent = runs.ranges_of(new_message, NOW, 2, ("m1", "m2"), ranges, 0.1)
     message = passed(sent, "eldir_msgs/msg/RangeOfMotion")
-    assert (message.cycle, message.marks, message.displacement) == (2, ["m1", "m2"], 0.1)
+    assert (message.cycle, message.markers, message.displacement) == (2, ["m1", "m2"], 0.1)
     assert message.predicted.tolist() == [0.01, 0.02] and message.tracked.tolist() == [0.011, 0.019]
     assert message.simulated.tolist() == [], "not known"
 

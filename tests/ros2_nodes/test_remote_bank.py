@@ -9,9 +9,10 @@ from eldir.errors import EldirError
 from eldir_hardware.relay.errors import NotProvenOffError
 from eldir_hardware.safety.stop_signals import StoppedError
 from eldir_ros.conversions import runs
+from eldir_ros.conversions.runs import ABORT, END_OF_RUN, KEEPALIVE
 from eldir_ros.remote.heartbeats import Heartbeats
 from eldir_ros.remote.obeyed_commands import ObeyedCommands
-from eldir_ros.remote.remote_bank import ABORT, END_OF_RUN, KEEPALIVE, InterruptedRunError
+from eldir_ros.remote.remote_bank import InterruptedRunError
 from tests.ros2_nodes.remote_boards import Board
 
 

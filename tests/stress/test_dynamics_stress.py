@@ -91,7 +91,7 @@ def unread(scene: PrintedScene, true: RobotParameters) -> list[str]:
     covariance[silent, silent] = 1.0
     supposed, told = scene.robot.at(names, -z), []
     for name in ("current", "cooling"):
-        by, quantity = QUANTITIES[name].slopes(names), QUANTITIES[name]
+        by, quantity = QUANTITIES[name].gradient(names), QUANTITIES[name]
         error, sd = np.log(quantity.value(supposed) / quantity.value(true)), np.sqrt(by @ covariance @ by)
         told.append(
             f"{name} {100 * error:+.1f} %{' !' if abs(error) > 1.96 * sd else ''} (sd {100 * sd:.1f})"

@@ -13,12 +13,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from eldir.built.gait import CYCLES
 from eldir.core.files import write_text
 from eldir.core.pictures import page_templates, png
 from eldir_app.catalogue.listing import signed, version_and_date
 from eldir_calibration.comparison.motions import track_run
 from eldir_calibration.comparison.recorded_run import LoggedRun, read_run
-from eldir_calibration.report.comparison import CYCLES, PHASE_SAMPLES, Motion
+from eldir_calibration.report.comparison import PHASE_SAMPLES, Motion
 
 # Okabe and Ito's palette, with a line style for each colour, so that a grey print can be read too.
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000", "#8A8A00")

@@ -44,7 +44,7 @@ def cells(run: CataloguedRun) -> tuple[str, ...]:
 
 def ending(run: CataloguedRun) -> str:
     """How the run ended, and what is damaged in its log."""
-    last = "to the end" if run.ended == _COMPLETE else run.ended or "not said"
+    last = "to the end" if run.ended == _COMPLETE else run.ended or "unknown"
     # The last status of the player is often the fault itself.
     others = [fault for fault in run.faults if not fault.endswith(run.ended) or not run.ended]
     parts = (last, *others, "recovered" * bool(run.recovered), run.damage and f"damaged: {run.damage}")

@@ -67,7 +67,7 @@ _Terrain = Annotated[Ground, typer.Option(help="Ground: flat, or rugged and leve
 _Precision = Annotated[
     Precision,
     typer.Option(
-        help="Numbers of the learning: with f64, results of two machines part later, and it takes longer."
+        help="Precision of the learning. f64 is slower, and results of two machines agree for longer."
     ),
 ]
 _MaxMotors = Annotated[
@@ -178,12 +178,27 @@ def evolve(
 
     select_device(device)
     if out is not None and resume is None:
-        margin = None if static_margin is None else 1e-3 * static_margin
         options = NewRunOptions(
-            objective, rig, lattice, population, generations, terrain, precision, max_motors, margin,
-            buildable, second_stage, inherit, optimiser, update_length, window, iterations, randomise,
-            crossover, seed,
-        )  # fmt: skip
+            objective=objective,
+            rig=rig,
+            lattice=lattice,
+            population=population,
+            generations=generations,
+            terrain=terrain,
+            precision=precision,
+            max_motors=max_motors,
+            static_margin_m=None if static_margin is None else 1e-3 * static_margin,
+            buildable=buildable,
+            second_stage=second_stage,
+            inherit=inherit,
+            optimiser=optimiser,
+            update_length=update_length,
+            window=window,
+            iterations=iterations,
+            randomise=randomise,
+            crossover=crossover,
+            seed=seed,
+        )
         run = _create_run(out, options, context)
     elif resume is not None and out is None:
         run = _open_run(resume, context)

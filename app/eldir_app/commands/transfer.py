@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 if TYPE_CHECKING:
+    from eldir_calibration.transfer.compared_walks import TransferConfig
     from eldir_calibration.transfer.page import TransferResult
 
 
@@ -21,14 +21,16 @@ def transfer(
         int, typer.Option(min=2, max=100, help="Robots of each prediction, and as many others in MuJoCo.")
     ] = 8,
     cycles: Annotated[
-        int, typer.Option(min=1, max=5, help="Cycles that count in MuJoCo, after one that does not.")
+        int, typer.Option(min=1, max=5, help="Cycles that are measured in MuJoCo, after one of conditioning.")
     ] = 2,
     phases: Annotated[
         int, typer.Option(min=0, max=15, help="Also compare this many other phases of each gait.")
     ] = 0,
     explain: Annotated[
         bool,
-        typer.Option("--explain", help="Also take hubs, sockets, feet, contact and slope away, one by one."),
+        typer.Option(
+            "--explain", help="Also simulate without hubs, sockets, feet, contact and slope, one by one."
+        ),
     ] = False,
     rig: Annotated[
         Path | None,
@@ -50,9 +52,19 @@ def transfer(
     require_new(out)
     names = [str(path) for path in designs]
     _require_designs(names)
-    result = _compare(names, _TransferConfig(samples, cycles, phases, seed, rig, explain))
 
+    from eldir_hardware.virtual.mujoco_body import mujoco_version
+
+    engine = mujoco_version()  # raises without MuJoCo, before the slow imports
+
+    from eldir_calibration.transfer.compared_walks import TransferConfig
     from eldir_calibration.transfer.page import write_transfer
+    from eldir_hardware.planning.workshop import make_workshop
+    from eldir_hardware.rig.configuration import Rig
+
+    springs = make_workshop().springs if rig is None else Rig.load(rig).spring_parameters()
+    config = TransferConfig(samples, cycles, phases, seed, springs)
+    result = _compare(names, config, explain, engine)
 
     write_transfer(result, out)
     if as_json:
@@ -63,18 +75,6 @@ def transfer(
     for explained in result.explained:
         typer.echo(f"{explained.file}: {explained.finding}")
     typer.echo(f"wrote {out}/transfer.html")
-
-
-@dataclass(frozen=True)
-class _TransferConfig:
-    """The options of the comparison."""
-
-    samples: int
-    cycles: int
-    phases: int
-    seed: int
-    rig: Path | None
-    explain: bool
 
 
 def _require_designs(names: list[str]) -> None:
@@ -88,24 +88,15 @@ def _require_designs(names: list[str]) -> None:
         Design.load(name)
 
 
-def _compare(names: list[str], config: _TransferConfig) -> TransferResult:
-    """Predict the walks, simulate them with MuJoCo, and compare, with a progress bar."""
-    from eldir_hardware.virtual.mujoco_body import mujoco_version
-
-    engine = mujoco_version()  # raises without MuJoCo, before the slow imports
-
+def _compare(names: list[str], config: TransferConfig, explain: bool, engine: str) -> TransferResult:
+    """Predict the walks, simulate them with MuJoCo, and compare, with a progress bar. `engine`: version of
+    MuJoCo."""
     from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 
     from eldir_app.progress import progress_bar
     from eldir_calibration.transfer import compared_walks, verdict
     from eldir_calibration.transfer.page import TransferResult
-    from eldir_hardware.planning.workshop import make_workshop
-    from eldir_hardware.rig.configuration import Rig
 
-    springs = make_workshop().springs if config.rig is None else Rig.load(config.rig).spring_parameters()
-    settings = compared_walks.TransferConfig(
-        config.samples, config.cycles, config.phases, config.seed, springs
-    )
     with progress_bar(TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn()) as progress:
         task = progress.add_task("reading designs", total=None)
 
@@ -115,13 +106,13 @@ def _compare(names: list[str], config: _TransferConfig) -> TransferResult:
         def show(stage: str, done: float) -> None:
             progress.update(task, description=stage, advance=done)
 
-        walking = [compared_walks.load_walking_design(name, settings.springs, show_stage) for name in names]
-        steps = compared_walks.count_steps(walking, settings)
-        steps += config.explain * verdict.STEPS_PER_EXPLANATION * len(walking)
+        walking = [compared_walks.load_walking_design(name, config.springs, show_stage) for name in names]
+        steps = compared_walks.count_steps(walking, config)
+        steps += explain * verdict.STEPS_PER_EXPLANATION * len(walking)
         progress.update(task, total=steps)
-        compared = compared_walks.compare_walks(walking, settings, show)
+        compared = compared_walks.compare_walks(walking, config, show)
         explained = [
-            verdict.explain_walk(design, compared_walks.robot_seeds(index, settings)[0], settings, show)
-            for index, design in enumerate(walking if config.explain else [])
+            verdict.explain_walk(design, compared_walks.robot_seeds(index, config)[0], config, show)
+            for index, design in enumerate(walking if explain else [])
         ]
-    return TransferResult(walking, compared, explained, settings, engine)
+    return TransferResult(walking, compared, explained, config, engine)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections import Counter
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,8 +15,8 @@ from eldir.built.robot import build, count_mechanisms, find_held_motors, static_
 from eldir.lattice import HALF_SIDE
 from eldir.morphology import Morphology
 from eldir.parameters.springs import SpringParameters
-from eldir_cad.checks._contacts import find_contacts, find_leads
-from eldir_cad.checks._kinematics import (
+from eldir_cad.checks.contacts import Lead, find_contacts, find_leads
+from eldir_cad.checks.kinematics import (
     AT_REST,
     Stroke,
     degrees_of_freedom,
@@ -36,16 +37,31 @@ _MAX_LISTED = 3  # violations of a kind that are listed one by one
 _CheckResult = tuple[list[Violation], dict[str, float]]
 
 
+class CheckedBody(NamedTuple):
+    """A body after the checks."""
+
+    report: BuildReport
+    leads: list[Lead]
+    """The wires of its motors, as in `find_leads`; empty for a refused body."""
+
+
 def check(morphology: Morphology, spec: Specification, printer: Printer) -> BuildReport:
     """Check whether a body can be printed, assembled and driven, and whether it stands.
 
     A refused body is not checked further, because the simulation of its motion may take long.
     """
+    return check_with_leads(morphology, spec, printer).report
+
+
+def check_with_leads(morphology: Morphology, spec: Specification, printer: Printer) -> CheckedBody:
+    """As `check`, with the wires that it found in the simulated motion."""
     violations = [*_check_workspace(morphology, spec), *_check_motors(morphology, spec)]
     figures: dict[str, float] = {}
+    leads: list[Lead] = []
     if not violations:
         law = StripLaw.of(spec, printer)
         motion = simulate_stroke(morphology, spec, law)
+        leads = find_leads(motion, morphology, spec)
         for new_violations, values in (
             _check_hinges(morphology, spec),
             _check_mechanisms(morphology, spec),
@@ -54,12 +70,12 @@ def check(morphology: Morphology, spec: Specification, printer: Printer) -> Buil
             _check_strains(motion, morphology, spec, printer, law),
             _check_socket_turns(motion, morphology, spec),
             _check_stability(motion, morphology, spec, printer),
-            _check_leads(motion, morphology, spec),
+            _check_leads(leads, motion, morphology, spec),
             _count_parts(morphology, spec, printer),
         ):
             violations += new_violations
             figures |= {name: round(float(value), 6) for name, value in values.items()}
-    return BuildReport.of(violations, figures)
+    return CheckedBody(BuildReport.of(violations, figures), leads)
 
 
 def _check_workspace(morphology: Morphology, spec: Specification) -> list[Violation]:
@@ -247,11 +263,12 @@ def _check_stability(
     return violations, {"static_margin_mm": margin, "foot_stroke_mm": spread}
 
 
-def _check_leads(motion: Stroke, morphology: Morphology, spec: Specification) -> _CheckResult:
+def _check_leads(
+    leads: list[Lead], motion: Stroke, morphology: Morphology, spec: Specification
+) -> _CheckResult:
     """Whether both leads of every motor can leave outwards, and do not touch the table."""
     ground = 1e-6 + float(motion.rest[:, 1].min())
     violations = []
-    leads = find_leads(motion, morphology, spec)
     for lead in leads:
         if lead.clearance < spec.clearance:
             missing = spec.clearance - lead.clearance

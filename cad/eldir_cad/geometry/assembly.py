@@ -79,14 +79,14 @@ def assemble(
     centres = (morphology.positions - morphology.positions.min(axis=0)) * spec.scale
     directions = spring_directions(morphology)
     marks = marked_masses(morphology) if marks is None else marks
-    mark_of = {int(m): f"m{i + 1}" for i, m in enumerate(marks)}
+    marker_names = {int(m): f"m{i + 1}" for i, m in enumerate(marks)}
     standard = [kit.strip(spec), kit.fitting(spec), kit.connector(spec), kit.cap(spec)]
     strip, fitting, connector, cap = standard
     parts: dict[str, Part] = {}
     placements: list[Placement] = []
     for face in FACES:
         for i, centre in enumerate(centres):
-            part = kit.mass(spec, i, directions[i], face, mark_of.get(i))
+            part = kit.mass(spec, i, directions[i], face, marker_names.get(i))
             parts[part.name] = part
             placements.append(_place_mass(part.name, face, i, centre, spec))
             if len(directions[i]) == 6:

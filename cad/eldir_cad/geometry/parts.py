@@ -35,7 +35,7 @@ class Part:
 
 
 def mass(
-    spec: Specification, index: int, directions: Sequence[int], face: Face, mark: str | None = None
+    spec: Specification, index: int, directions: Sequence[int], face: Face, marker: str | None = None
 ) -> Part:
     """The mass `index` with a socket in each of its `directions` (multiples of 60 degrees from +x).
 
@@ -53,11 +53,11 @@ def mass(
     else:
         digits = digits.mirror((1, 0))
     cuts = extrude(opening, m.floor, m.height + 1)
-    seat = m.disc_depth if mark else 0.0
-    if mark:
+    seat = m.disc_depth if marker else 0.0
+    if marker:
         cuts += extrude(circle(m.disc_diameter), -1, seat)
     cuts += extrude(digits, -1, seat + m.engraving_depth)
-    purpose = f"mass {index}, {face} face" + (f", seat for the disc of {mark}" if mark else "")
+    purpose = f"mass {index}, {face} face" + (f", seat for the disc of {marker}" if marker else "")
     return make_part(f"mass_{index:02d}_{face}", body - cuts, purpose, "on its outer face, sockets up")
 
 

@@ -50,6 +50,12 @@ class Inertia:
         return cls(mass, position, np.zeros((3, 3)))
 
 
+def hub_name(hub: int) -> str:
+    """Name of a hub's body in MJCF, of its link in URDF and of its STL file. The joints have this name with
+    _x, _z and _turn."""
+    return f"hub_{hub:02d}"
+
+
 def hub_inertias(
     assembly: Assembly,
     spec: Specification,

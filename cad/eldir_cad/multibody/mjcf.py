@@ -20,7 +20,7 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 
 from eldir.core.records import FloatArray
-from eldir_cad.multibody.hubs import Inertia
+from eldir_cad.multibody.hubs import Inertia, hub_name
 from eldir_cad.multibody.model import Coil, Hub, Multibody, Strip
 
 LEVER = 50.0
@@ -232,7 +232,7 @@ def _add_options(root: Element, model: Multibody) -> None:
 
 
 def _add_hub(world: Element, model: Multibody, number: int, hub: Hub, has_mesh: bool) -> Element:
-    name, inertia = f"hub_{number:02d}", hub.inertia
+    name, inertia = hub_name(number), hub.inertia
     at = [hub.position[0], 0.0, hub.position[1] + model.corner]
     body = add_element(world, "body", name=name, pos=format_numbers(at))
     drag = format_numbers([inertia.mass * model.drag])

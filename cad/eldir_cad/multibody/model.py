@@ -47,7 +47,7 @@ class Strip:
 
     hubs: tuple[int, int]
     length: float
-    """From hinge to hinge, without force [m]."""
+    """Distance of its hinges without force [m]."""
     tension: float
     """Stiffness in tension [N/m]."""
     buckling: float

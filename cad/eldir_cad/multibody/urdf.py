@@ -11,19 +11,15 @@ from collections.abc import Mapping
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
+from eldir_cad.multibody.hubs import hub_name
 from eldir_cad.multibody.mjcf import add_element
 
 ROOT = "ground"
 _TRAVEL_LIMIT = 100.0  # URDF requires a limit; no hub reaches it [m]
 
 
-def hub_name(hub: int) -> str:
-    """Name of a hub's link; its joints are this name with _x, _z and _turn."""
-    return f"hub_{hub:02d}"
-
-
 def urdf_text(name: str, meshes: Mapping[int, str], middle: float) -> str:
-    """The text of a URDF file; `meshes`: address of the STL file of each hub [m].
+    """The text of a URDF file; `meshes`: address of the STL file of each hub, in metres.
 
     The hubs' joints move in the plane of the tracking discs, on the front of the robot; `middle`: distance of
     the hubs' middle behind it [m]."""

@@ -13,7 +13,7 @@ import numpy as np
 from eldir.design import Design, Variant
 from eldir.errors import EldirError, InputError
 from eldir.parameters.wiring import Wiring
-from eldir_cad.checks._contacts import Lead
+from eldir_cad.checks.contacts import Lead
 from eldir_cad.checks.violations import BuildReport
 from eldir_cad.geometry.assembly import Assembly, assemble, smallest_gap
 from eldir_cad.geometry.inspection import Inspection, inspect, require_printable

@@ -1,5 +1,4 @@
-"""Pictures for the workshop: the robot, also as a 3D model, plates, parts, and the numbered map of both
-faces."""
+"""Pictures for the workshop: the robot, also as a 3D model, and the numbered map of both faces."""
 
 from __future__ import annotations
 
@@ -21,9 +20,6 @@ from eldir.core.pictures import MARK, MOTOR
 from eldir.core.records import FloatArray
 from eldir.parameters.wiring import FACES, Face, Wiring, wiring_digest
 from eldir_cad.geometry.assembly import Assembly
-from eldir_cad.geometry.parts import Part
-from eldir_cad.geometry.plates import Plate
-from eldir_cad.kit.printer import Printer
 from eldir_cad.kit.specification import Specification
 
 ColouredMesh = tuple[trimesh.Trimesh, str]
@@ -46,32 +42,9 @@ def draw_robot(assembly: Assembly, spec: Specification) -> Figure:
         colour = MARK if marked else CONNECTOR if place.part == "connector" else _RESIN
         solids.append((mesh.apply_transform(matrix), colour))
     solids += [(coil, MOTOR) for coil in _coils(assembly, spec)]
-    figure, axes = _figure(9, 6)
+    figure = Figure(figsize=(9, 6))
+    axes = figure.add_axes((0.01, 0.01, 0.98, 0.93))
     _draw_shaded(axes, solids, turn=-28, tilt=22)
-    return figure
-
-
-def draw_plate(plate: Plate, printer: Printer) -> Figure:
-    """A plate from above, at an angle."""
-    figure, axes = _figure(9, 6)
-    width, depth, _ = printer.volume
-    floor = trimesh.creation.box((width, depth, 1.0)).apply_translation((width / 2, depth / 2, -0.6))
-    _draw_shaded(axes, [(floor, "#eeeeee")], [(plate.mesh(), _RESIN)], turn=-20, tilt=55, up="z")
-    axes.set_title(f"{plate.name}: {len(plate.items)} parts on {printer.name}", fontsize=10)
-    return figure
-
-
-def draw_parts(parts: Sequence[Part]) -> Figure:
-    """Parts side by side in their printing poses, each at its own scale."""
-    columns = min(4, len(parts))
-    rows = -(-len(parts) // columns)
-    figure = Figure(figsize=(2.6 * columns, 2.8 * rows))
-    for i, part in enumerate(parts):
-        axes = figure.add_subplot(rows, columns, i + 1)
-        _draw_shaded(axes, [(part.mesh, _RESIN)], turn=-30, tilt=40, up="z")
-        size = " x ".join(f"{e:.1f}" for e in part.mesh.extents)
-        axes.set_title(f"{part.name}\n{size} mm", fontsize=8)
-    figure.tight_layout()
     return figure
 
 
@@ -116,16 +89,18 @@ def _draw_face(
         style: dict[str, Any] = {"fontsize": 8, "weight": "bold", "color": MOTOR, "ha": "center"}
         axes.text(x, y, label, bbox=frame, zorder=4, va="center", **style)
     degree = np.bincount(body.springs.ravel(), minlength=len(centres))
-    mark_of = {int(m): f"m{i + 1}" for i, m in enumerate(assembly.marks)}
+    marker_names = {int(m): f"m{i + 1}" for i, m in enumerate(assembly.marks)}
     for i, (x, y) in enumerate(centres):
         colour = CONNECTOR if degree[i] < 6 else "white"
         axes.add_patch(RegularPolygon((x, y), 6, radius=9.5, fc=colour, ec="black", lw=0.8, zorder=3))
         axes.text(x, y, str(i), fontsize=7.5, ha="center", va="center", zorder=4)
         if i == ballast:
             axes.text(x, y - 19, "ballast", fontsize=8, weight="bold", ha="center", zorder=4)
-        if i in mark_of:
+        if i in marker_names:
             axes.add_patch(RegularPolygon((x, y), 40, radius=13, fill=False, ec=MARK, lw=2, zorder=3))
-            axes.text(x, y + 15, mark_of[i], fontsize=8, weight="bold", color=MARK, ha="center", zorder=4)
+            axes.text(
+                x, y + 15, marker_names[i], fontsize=8, weight="bold", color=MARK, ha="center", zorder=4
+            )
     axes.set_aspect("equal")
     axes.set_xlim(centres[:, 0].min() - 30, centres[:, 0].max() + 30)
     axes.set_ylim(centres[:, 1].min() - 20, centres[:, 1].max() + 32)
@@ -149,35 +124,21 @@ def _coils(assembly: Assembly, spec: Specification) -> list[trimesh.Trimesh]:
     return pieces
 
 
-def _figure(width: float, height: float) -> tuple[Figure, Axes]:
-    figure = Figure(figsize=(width, height))
-    return figure, figure.add_axes((0.01, 0.01, 0.98, 0.93))
-
-
-def _draw_shaded(
-    axes: Axes, *layers: Sequence[ColouredMesh], turn: float, tilt: float, up: str = "y"
-) -> None:
-    """Draw solids in parallel projection, the farthest triangles of a layer first, later layers on top."""
+def _draw_shaded(axes: Axes, solids: Sequence[ColouredMesh], turn: float, tilt: float) -> None:
+    """Draw solids in parallel projection, the farthest triangles first."""
     view = _view_rotation(np.radians(turn), np.radians(tilt))
-    if up == "z":
-        view = view @ [[1, 0, 0], [0, 0, 1], [0, -1, 0]]
-    corners_2d = []
-    for layer, solids in enumerate(layers):
-        corners, colours = [], []
-        for mesh, colour in solids:
-            normals = mesh.face_normals @ view.T
-            facing = normals[:, 2] > 0
-            corners.append((mesh.triangles[facing] @ view.T).reshape(-1, 3, 3))
-            brightness = 0.4 + 0.6 * np.clip(normals[facing] @ _LIGHT, 0, 1)
-            colours.append(brightness[:, None] * _rgb(colour))
-        points, shades = np.concatenate(corners), np.concatenate(colours)
-        order = np.argsort(points[:, :, 2].mean(axis=1), kind="stable")
-        outlines: Any = points[order, :, :2]  # as an array: ten times faster than as a list
-        axes.add_collection(
-            PolyCollection(outlines, facecolors=shades[order], antialiaseds=False, zorder=layer)
-        )
-        corners_2d.append(points[..., :2].reshape(-1, 2))
-    extent = np.concatenate(corners_2d)
+    corners, colours = [], []
+    for mesh, colour in solids:
+        normals = mesh.face_normals @ view.T
+        facing = normals[:, 2] > 0
+        corners.append((mesh.triangles[facing] @ view.T).reshape(-1, 3, 3))
+        brightness = 0.4 + 0.6 * np.clip(normals[facing] @ _LIGHT, 0, 1)
+        colours.append(brightness[:, None] * _rgb(colour))
+    points, shades = np.concatenate(corners), np.concatenate(colours)
+    order = np.argsort(points[:, :, 2].mean(axis=1), kind="stable")
+    outlines: Any = points[order, :, :2]  # as an array: ten times faster than as a list
+    axes.add_collection(PolyCollection(outlines, facecolors=shades[order], antialiaseds=False))
+    extent = points[..., :2].reshape(-1, 2)
     low, high = extent.min(axis=0), extent.max(axis=0)
     pad = 0.03 * (high - low).max()
     axes.set_xlim(low[0] - pad, high[0] + pad)

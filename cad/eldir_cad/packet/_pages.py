@@ -18,7 +18,7 @@ from eldir.built.robot import build, feet
 from eldir.core.pictures import MARK, MOTOR
 from eldir.core.records import FloatArray, IntArray
 from eldir.morphology import Morphology
-from eldir_cad.checks._kinematics import find_hinges, find_mechanisms
+from eldir_cad.checks.kinematics import find_hinges, find_mechanisms
 from eldir_cad.checks.violations import BuildReport
 from eldir_cad.packet._content import Content
 from eldir_cad.packet._drawing import CONNECTOR

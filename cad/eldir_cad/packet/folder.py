@@ -6,6 +6,7 @@ Written completely or not at all. The same design, specification and printer giv
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -19,10 +20,8 @@ from eldir.core.version import __version__
 from eldir.design import Design, Variant
 from eldir.genotype import Genotype
 from eldir.parameters.wiring import Wiring, wiring
-from eldir_cad.checks._contacts import find_leads
-from eldir_cad.checks._kinematics import simulate_stroke
-from eldir_cad.checks.buildability import check
-from eldir_cad.checks.strip_law import StripLaw
+from eldir_cad.checks.buildability import check_with_leads
+from eldir_cad.checks.contacts import Lead
 from eldir_cad.checks.violations import BuildReport
 from eldir_cad.geometry.shapes import stl
 from eldir_cad.kit.printer import Printer, fit_to_printer, load_printer
@@ -64,18 +63,18 @@ def write_packet(
     spec = fit_to_printer(specification or load_specification(), printer)
     variant = variant or Variant()
     built = apply_variant(design, variant)
-    report = check(built.morphology, spec, printer)
+    report, leads = check_with_leads(built.morphology, spec, printer)
     report.require_buildable()
     with new_folder(out) as folder:
         content = make_content(built, report, spec, printer, variant)
         connections = wiring(built.morphology.motors)
-        _write_files(folder, content, connections)
+        _write_files(folder, content, connections, leads)
         manifest = Manifest.of(folder, content, connections)
         manifest.save(folder / "manifest.json")
     return Packet(out, report, manifest)
 
 
-def _write_files(folder: Path, c: Content, connections: Wiring) -> None:
+def _write_files(folder: Path, c: Content, connections: Wiring, leads: Sequence[Lead]) -> None:
     c.built.save(folder / "design.json")
     for part in c.assembly.parts.values():
         write_bytes(folder / "parts" / f"{part.name}.stl", stl(part.mesh))
@@ -84,7 +83,6 @@ def _write_files(folder: Path, c: Content, connections: Wiring) -> None:
         write_bytes(folder / "plates" / f"{plate.name}.stl", plate.stl())
     body = c.assembly.morphology
     write_text(folder / "bom.csv", bill_of_materials(c))
-    leads = find_leads(simulate_stroke(body, c.spec, StripLaw.of(c.spec, c.printer)), body, c.spec)
     write_text(folder / "wiring.csv", wiring_table(c, connections, leads))
     ballast = c.variant.ballast.mass if c.variant.ballast else None
     plan = _drawing.draw_assembly_map(c.assembly, connections, ballast)

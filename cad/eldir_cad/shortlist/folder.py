@@ -21,7 +21,7 @@ from eldir.core.files import new_folder, write_bytes
 from eldir.core.pictures import MARK, MOTOR, png
 from eldir.core.records import OMITTED, FileRecord, Record, record
 from eldir.design import marked_masses
-from eldir_cad.checks._kinematics import find_hinges
+from eldir_cad.checks.kinematics import find_hinges
 from eldir_cad.checks.violations import BuildReport
 from eldir_cad.shortlist.ranking import RankedDesign, Shortlist
 
@@ -170,23 +170,23 @@ def write_shortlist(shortlist: Shortlist, out: Path) -> tuple[RankingRow, ...]:
             predicted = {"gait": row.gait.to_json(), "predicted": row.predicted.to_json()}
             replace(d, provenance=d.provenance | predicted).save(folder / name)
         Ranking(shortlist.considered, shortlist.left_out, rows).save(folder / "ranking.json")
-        write_bytes(folder / "shortlist.png", png(_draw_designs(shortlist.candidates)))
+        write_bytes(folder / "shortlist.png", png(_draw_designs(shortlist.candidates, rows)))
     return rows
 
 
-def _draw_designs(candidates: Sequence[RankedDesign]) -> Figure:
-    """The bodies side by side with their predictions."""
+def _draw_designs(candidates: Sequence[RankedDesign], rows: Sequence[RankingRow]) -> Figure:
+    """The bodies side by side with their predictions, from the rows of the ranking."""
     columns = min(len(candidates), 3)
-    rows = -(-len(candidates) // columns)
-    figure = Figure(figsize=(4.6 * columns, 2.9 * rows), layout="constrained")
+    lines = -(-len(candidates) // columns)
+    figure = Figure(figsize=(4.6 * columns, 2.9 * lines), layout="constrained")
     # All at the same scale, each centred above the ground.
     width, height = np.max([np.ptp(c.design.morphology.positions, axis=0) for c in candidates], axis=0)
-    for i, candidate in enumerate(candidates):
-        axes = figure.add_subplot(rows, columns, i + 1)
+    for i, (candidate, row) in enumerate(zip(candidates, rows, strict=True)):
+        axes = figure.add_subplot(lines, columns, i + 1)
         body = candidate.design.morphology
-        lines = body.positions[body.springs]
-        axes.add_collection(LineCollection(list(lines[~body.active]), colors="#777777", linewidths=1.2))
-        axes.add_collection(LineCollection(list(lines[body.active]), colors=MOTOR, linewidths=3.5))
+        ends = body.positions[body.springs]
+        axes.add_collection(LineCollection(list(ends[~body.active]), colors="#777777", linewidths=1.2))
+        axes.add_collection(LineCollection(list(ends[body.active]), colors=MOTOR, linewidths=3.5))
         x, y = body.positions[marked_masses(body)].T
         axes.plot(*body.positions.T, "o", color="black", markersize=3)
         axes.plot(x, y, "o", color=MARK, markersize=6)
@@ -199,8 +199,8 @@ def _draw_designs(candidates: Sequence[RankedDesign]) -> Figure:
         axes.set_ylim(bottom - 0.02, bottom + 1.05 * height)
         axes.set_aspect("equal")
         axes.axis("off")
-        walks = RankedPrediction.of(candidate).sampled_walks
-        axes.set_title(f"design_{i + 1:02d}: {walks}\n{walks.forward}", fontsize=8)
+        walks = row.predicted.sampled_walks
+        axes.set_title(f"{Path(row.file).stem}: {walks}\n{walks.forward}", fontsize=8)
     handles = [
         Line2D([], [], color=MOTOR, label="motor"),
         Line2D([], [], color=MARK, marker="o", ls="", label="m1 to m5"),

@@ -98,7 +98,7 @@ def rank(
     """The `top` designs whose samples walk farthest (`SampledWalks.fitness`), each in its best gait. Designs
     whose prediction is doubtful because of ties come after the others.
 
-    `scene`: an identified robot; samples are then drawn from its uncertainty. `springs`: nominal springs on
+    `scene`: an identified robot; then the samples are of its uncertainty. `springs`: nominal springs on
     the supply of a rig. `progress` is called with the name of the stage and the completed share of it.
     """
     show = progress or (lambda _stage, _share: None)

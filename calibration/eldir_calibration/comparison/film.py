@@ -16,14 +16,14 @@ from eldir_hardware.images.video import draw_body, encode_webm, resize_to_width
 from eldir_hardware.log.reader import RunLog
 
 MAX_PICTURES = 80
-"""Of the film at most."""
+"""Maximum number of pictures in the film."""
 FRAME_RATE = 10.0
-"""Of the film [pictures/s]."""
+"""Frame rate of the film [1/s]."""
 MAX_SIZE = 500_000
-"""Of the film [bytes]; a larger one is made of smaller pictures."""
+"""Maximum size of the film [bytes]; a larger film is made again with smaller pictures."""
 _WIDTHS = (480, 360, 270)  # [px]
 _CROP_MARGIN = 0.12  # around the robot, of the larger side
-_MIN_SIDE = 64  # of a side [px]
+_MIN_SIDE = 64  # of the cropped picture [px]
 
 
 class PredictedBody(NamedTuple):

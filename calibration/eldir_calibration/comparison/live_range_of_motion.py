@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from eldir.built.gait import CYCLES
 from eldir.built.robot import build
 from eldir.core.records import FloatArray
 from eldir.design import Design
@@ -69,6 +70,6 @@ class LiveRangeOfMotion:
                 ]
                 for kind, motion in {**self.predictions, "tracked": tracked}.items()
             }
-            return CycleRanges(self._cycle, ranges, tracked.displacement() / 5.0)
+            return CycleRanges(self._cycle, ranges, tracked.displacement() / CYCLES)
         except EldirError:  # the positions do not cover the cycle
             return None

@@ -21,7 +21,6 @@ from eldir_calibration.report.controls import INTACT, FilmedRun, compare_with_ot
 from eldir_calibration.report.page import HeatingRecord, ReportInput
 from eldir_hardware.camera.plane import Image, Plane
 from eldir_hardware.log.mcap_file import fingerprint
-from eldir_hardware.log.reader import RunLog
 from eldir_hardware.safety.compatibility import compare_wiring, packet_wiring
 from eldir_hardware.schedule import ActuationSchedule
 from eldir_hardware.vision.pipeline import draw_overlay, track_frames
@@ -85,7 +84,7 @@ def prepare_report(
         predicted=filmed[0].predicted,
         before=predictions.before and _truncate(predictions.before, film.motion),
         tracked=film.motion,
-        heating=_heating(main.log),
+        heating=_heating(main),
         overlay=draw_overlay(film.frame, film.plane, film.motion.trajectory),
         remarks=_remarks(runs, tracked, filmed[0]),
         provenance=_provenance(runs, film.plane),
@@ -145,9 +144,9 @@ def _provenance(runs: Sequence[LoggedRun], plane: Plane) -> dict[str, str]:
     }
 
 
-def _truncate(predicted: Motion, track_run: Motion) -> Motion:
+def _truncate(predicted: Motion, tracked: Motion) -> Motion:
     """The prediction over as many cycles as the camera saw."""
-    return replace(predicted, cycles=min(predicted.cycles, track_run.cycles))
+    return replace(predicted, cycles=min(predicted.cycles, tracked.cycles))
 
 
 def _offset_progress(done: int, progress: Callable[[int], None]) -> Callable[[int], None]:
@@ -173,9 +172,16 @@ def _describe_wiring(run: RecordedRun) -> str:
     return f"{channels}; {f'not as {packet.source}: {differs}' if differs else f'as {packet.source}'}"
 
 
-def _heating(log: RunLog) -> HeatingRecord:
+def _heating(run: LoggedRun) -> HeatingRecord:
+    log = run.log
     return HeatingRecord(
-        log.relay_times, log.relays, log.channels, log.temperature_times, log.temperatures, log.springs
+        log.relay_times,
+        log.relays,
+        log.channels,
+        log.temperature_times,
+        log.temperatures,
+        log.springs,
+        run.rig.limits.max_temperature_c,
     )
 
 

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from eldir.built.gait import CYCLES
 from eldir.built.heat import SpringState, heat
 from eldir.built.motion import OK, PrintedMotion, drive
 from eldir.built.robot import PrintedRobot, build
@@ -24,17 +25,17 @@ from eldir.rollout import simulate
 from eldir.trajectory import Trajectory
 from eldir_calibration.comparison.film import PredictedBody
 from eldir_calibration.comparison.recorded_run import RecordedRun
-from eldir_calibration.report.comparison import CYCLES, Motion
+from eldir_calibration.report.comparison import Motion
 from eldir_calibration.report.controls import sample_other_robots
 from eldir_calibration.report.verdict import SampledMotions
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.schedule import ActuationSchedule
 
 _INTERVAL = 0.05  # of the predicted temperatures [s]
-_UPRIGHT_STRIDE = 20  # intervals between two looks at whether a sample stands
+_UPRIGHT_STRIDE = 20  # intervals between two checks whether a sample stands
 _BODY_STRIDE = 2  # intervals from one place of the whole body to the next
 SAMPLES = 16
-"""As many as `eldir gait` simulates."""
+"""Number of sampled robots, the same as in `eldir gait`."""
 _NULL_CYCLES = 2
 """Other bodies are simulated for two cycles only, which takes half the time."""
 
@@ -63,7 +64,7 @@ class _Simulation:
     run: RecordedRun
     """The run whose schedule it follows."""
     robot: PrintedRobot
-    marks: IntArray
+    marker_masses: IntArray
     free: tuple[float, float]
     """Cold and hot free length of its springs [m]."""
     lengths: FloatArray
@@ -82,18 +83,16 @@ def predict_runs(
     of the identified robot of a scene, with its parts as found. `samples`: of the first run's robot."""
     simulations = [_prepare_run(run, scene) for run in runs]
     sampled = _prepare_samples(runs[0], scene, samples)
-    simulations += [
-        _prepare_other(simulations[0], body, marks) for body, marks in sample_other_robots(runs[0].design)
-    ]
+    simulations += [_prepare_other(simulations[0], *other) for other in sample_other_robots(runs[0].design)]
     if scene is not None:
         simulations.append(_prepare_run(runs[0], None))
     every, body = _simulate([*simulations, *sampled])
-    motions, drawn = every[: len(simulations)], every[len(simulations) :]
+    motions, sampled_motions = every[: len(simulations)], every[len(simulations) :]
     own, others = motions[: len(runs)], motions[len(runs) :]
     before = others.pop() if scene is not None else None
     if None in own or (scene is not None and before is None):
         raise divergence_error("the predicted motion")
-    found = SampledMotions.of(drawn, len(runs[0].names))
+    found = SampledMotions.of(sampled_motions, len(runs[0].names))
     return PredictedMotions(
         simulate_evolved(runs[0]), [m for m in own if m], [m for m in others if m], before, found, body
     )
@@ -167,11 +166,11 @@ def _prepare_samples(run: RecordedRun, scene: PrintedScene | None, count: int) -
     return found
 
 
-def _prepare_other(own: _Simulation, body: PrintedRobot, marks: IntArray) -> _Simulation:
+def _prepare_other(own: _Simulation, body: PrintedRobot, marker_masses: IntArray) -> _Simulation:
     s = own.run.schedule
     cycles = min(s.cycles, _NULL_CYCLES)
     end = int(np.ceil((s.start_of_cycles + cycles * s.period_s) / _INTERVAL)) + 1
-    return _Simulation(own.run, body, marks, own.free, own.lengths[:end], cycles, body.body_length)
+    return _Simulation(own.run, body, marker_masses, own.free, own.lengths[:end], cycles, body.body_length)
 
 
 def _simulate(simulations: Sequence[_Simulation]) -> tuple[list[Motion | None], PredictedBody]:
@@ -186,7 +185,7 @@ def _simulate(simulations: Sequence[_Simulation]) -> tuple[list[Motion | None], 
     motions: list[Motion | None] = []
     for one, found in zip(simulations, moved, strict=True):
         names = one.run.names
-        path = Trajectory(names, found.times, found.positions[:, one.marks[: len(names)]])
+        path = Trajectory(names, found.times, found.positions[:, one.marker_masses[: len(names)]])
         s = one.run.schedule
         motion = Motion(path, s.start_of_cycles, s.period_s, one.cycles, one.body_length)
         good = found.status == OK and (not one.must_stay_upright or _stays_upright(one, found))
@@ -194,7 +193,7 @@ def _simulate(simulations: Sequence[_Simulation]) -> tuple[list[Motion | None], 
     first, whole = simulations[0], moved[0]
     shown = slice(None, None, _BODY_STRIDE)
     body = PredictedBody(
-        whole.times[shown], whole.positions[shown], first.run.design.morphology.springs, first.marks
+        whole.times[shown], whole.positions[shown], first.run.design.morphology.springs, first.marker_masses
     )
     return motions, body
 
@@ -210,12 +209,12 @@ def _free_lengths(run: RecordedRun, springs: Sequence[SpringParameters]) -> Floa
     schedule of the intact one: channels of a motor that it has not heat nothing."""
     motors = len(springs)
     channels, states = run.schedule.sampled(_INTERVAL)
-    motor_of = {c.channel: c.spring for c in run.rig.channels}
+    motors_by_channel = {c.channel: c.spring for c in run.rig.channels}
     # Both faces heat alike in the model; a plane's motor is on while either of its channels is.
     on = np.zeros((len(states), motors), bool)
     for column, channel in enumerate(channels):
-        if motor_of[channel] < motors:
-            on[:, motor_of[channel]] |= states[:, column]
+        if motors_by_channel[channel] < motors:
+            on[:, motors_by_channel[channel]] |= states[:, column]
     cold = SpringState(np.array([s.ambient for s in springs]), np.ones(motors))
     lengths = heat(on, _INTERVAL, springs, cold).length
     return np.concatenate([[[s.cold_length for s in springs]], lengths])

@@ -143,7 +143,7 @@ def open_run(path: Path, design: Design) -> LoggedRun:
     """Reads a log as `read_run` does; raises `InputError` where it is of another design."""
     run = read_run(path)
     recorded = run.design
-    if not _is_variant_of(recorded, design):
+    if not _is_variant(recorded, design):
         raise InputError(
             f"{path} was recorded with another design",
             code="log.other-design",
@@ -175,7 +175,7 @@ def open_runs(paths: Sequence[Path], design: Design) -> list[LoggedRun]:
     return [open_run(path, design) for path in paths]
 
 
-def _is_variant_of(recorded: Design, design: Design) -> bool:
+def _is_variant(recorded: Design, design: Design) -> bool:
     """Whether a log's robot is the design, or the design without a motor or with ballast."""
     if recorded == design:
         return True

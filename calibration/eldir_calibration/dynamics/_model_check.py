@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from eldir.built.gait import CYCLES
 from eldir.core.records import BoolArray, FloatArray, Record
 from eldir_calibration.dynamics._residuals import (
     compute_residual,
@@ -29,8 +30,6 @@ from eldir_calibration.dynamics.configuration import DEFAULT_CONFIG, Identificat
 from eldir_calibration.dynamics.recording import Recording
 
 _DIRECTIONS = ("forward", "up")
-_REFERENCE_CYCLES = 5
-"""Walks are given for so many cycles (paper, Sect. Sim2Real)."""
 _NOISE_SAMPLES = 20
 _MAX_TIME_GAP = 0.1  # of a period: a marker that was seen so near to an instant has a place there
 
@@ -39,7 +38,7 @@ _MAX_TIME_GAP = 0.1  # of a period: a marker that was seen so near to an instant
 class ModelCheck(Record):
     """Residuals of a prediction of some recordings."""
 
-    marks: tuple[str, ...]
+    markers: tuple[str, ...]
     correlated: FloatArray
     """Residual that noise does not explain, forward and up, of each marker [m], shape (2, markers)."""
     noise: float
@@ -77,8 +76,8 @@ class ModelCheck(Record):
             "motion_m": _rounded(self.motion),
             "noise_m": _rounded(self.noise),
             "marks": {
-                mark: {d: _rounded(v) for d, v in zip(_DIRECTIONS, self.correlated[:, i], strict=True)}
-                for i, mark in enumerate(self.marks)
+                marker: {d: _rounded(v) for d, v in zip(_DIRECTIONS, self.correlated[:, i], strict=True)}
+                for i, marker in enumerate(self.markers)
             },
         }
 
@@ -149,8 +148,8 @@ class CycleMotions(Record):
 
     @classmethod
     def of(cls, recording: Recording, positions: FloatArray) -> CycleMotions:
-        """Of markers at the recording's frames [m], shape (frames, K, 2). Only frames count in which the
-        camera saw the marker."""
+        """Motion in each cycle of markers at `positions` [m] in the recording's frames, shape (frames, K, 2).
+        Only frames count in which the camera saw the marker."""
         t = recording.tracked.times
         x = np.where(np.isfinite(recording.tracked.positions), positions, np.nan)
         ends = recording.start + recording.period * np.arange(recording.cycles + 1)
@@ -183,7 +182,7 @@ class CycleMotions(Record):
 
     def per_five_cycles(self, body_length: float) -> FloatArray:
         """Walk in each cycle in body lengths per five cycles, shape (C,). `body_length` [m]."""
-        return self.walks / body_length * _REFERENCE_CYCLES
+        return self.walks / body_length * CYCLES
 
 
 def _height_ranges(heights: FloatArray) -> FloatArray:

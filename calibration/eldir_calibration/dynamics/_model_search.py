@@ -164,7 +164,7 @@ class ModelSearch:
         for other in others:
             if self._is_explained(candidates):
                 break
-            candidates.append(self._fit_joints_of(other, candidates[0].fit))
+            candidates.append(self._fit_joints(other, candidates[0].fit))
         if any(within_noise(c.fit.check) for c in candidates):
             return candidates
         min_unexplained = min(c.fit.check.unexplained for c in candidates)
@@ -173,7 +173,7 @@ class ModelSearch:
         ]
         for candidate in similar:
             if candidate.fit.check.is_decidable:
-                candidates.append(self._fit_parts_of(candidate))
+                candidates.append(self._fit_parts(candidate))
                 if candidates[-1].verdict.fits and candidates[-1].fit.check.unexplained < min_unexplained:
                     break
         return candidates
@@ -195,7 +195,7 @@ class ModelSearch:
         require_explained(self.recordings, fit.rms[0], self.config)
         return self._evaluate(nominal, fit, True)
 
-    def _fit_joints_of(self, nominal: RobotParameters, pinned: DynamicsFit) -> CandidateModel:
+    def _fit_joints(self, nominal: RobotParameters, pinned: DynamicsFit) -> CandidateModel:
         """Hubs move nearly as pins do, and cost much more: they need no starting points of their own."""
         if nominal.printed.joints != "hubs":
             return self._evaluate(nominal, self._fit_from_starting_points(nominal), False)
@@ -205,7 +205,7 @@ class ModelSearch:
         )  # fmt: skip
         return self._evaluate(nominal, fit, False)
 
-    def _fit_parts_of(self, candidate: CandidateModel) -> CandidateModel:
+    def _fit_parts(self, candidate: CandidateModel) -> CandidateModel:
         fit = fit_parts(
             self.body, self._training_recordings, candidate.nominal, candidate.fit,
             measurements=self.measurements, progress=self._prefix_progress("parts"), config=self.config,

@@ -16,12 +16,12 @@ from eldir_calibration.dynamics.recording import Progress, predict_markers
 
 class CachedProblem:
     """Evaluates one problem. Its only state is a count, and the last linearisation: optimisers ask for
-    residuals and slopes at the same place."""
+    residuals and gradients at the same point."""
 
     def __init__(self, problem: Problem):
         self.problem = problem
         self.evaluations = 0
-        """Number of batches of robots simulated for residuals and slopes."""
+        """Number of batches of robots simulated for residuals and gradients."""
         self._last: tuple[FloatArray, Linearisation] | None = None
 
     def residuals(self, z: FloatArray) -> FloatArray:
@@ -52,7 +52,7 @@ class CachedProblem:
 
 
 def find_start(cached: CachedProblem, seed: int, progress: Progress) -> FloatArray:
-    """The best of several points drawn from the prior: the points nearest to the tracks are fitted a
+    """The best of several samples of the prior: the points nearest to the tracks are fitted a
     little, and the best of these more."""
     problem, config = cached.problem, cached.problem.config
     rng = np.random.default_rng(seed)
@@ -100,11 +100,11 @@ def estimate_covariance(
     meat = prior.T @ prior
     first, memory = 0, round(problem.config.correlation_time)
     for r in problem.recordings:
-        frames, marks = r.tracked.positions.shape[:2]
+        frames, markers = r.tracked.positions.shape[:2]
         seconds = int(r.tracked.times[-1]) - int(r.tracked.times[0])
         second = (r.tracked.times - r.tracked.times[0]).astype(int)
         scores = np.zeros((seconds + 1, len(z)))
-        size = frames * 2 * marks
+        size = frames * 2 * markers
         own = (tangents[first : first + size] * residuals[first : first + size, None]).reshape(
             frames, -1, len(z)
         )

@@ -135,7 +135,7 @@ class IdentificationConfig:
     min_cycles: int = 2
     """Complete cycles in every film; the last one of the last film is held out."""
     min_markers: int = 3
-    """Marks that must be seen: two do not determine the rotation of the body."""
+    """Markers that must be seen: two do not determine the rotation of the body."""
     min_visible_share: float = 0.5
     """A marker counts as seen above this part of the frames."""
     min_motion: float = 2e-3

@@ -60,7 +60,7 @@ def draw_attribution(found: RangeAttribution) -> Figure:
     figure = Figure(figsize=(8.0, 0.3 * len(found.parameters) + 1.9), layout="constrained")
     rest = found.change - found.shares.sum(axis=0)
     rows = (*(_to_words(name) for name in found.parameters), "not linear", "all")
-    unknown = np.full((2, len(found.marks)), np.nan)  # so that a parameter has one row in both tables
+    unknown = np.full((2, len(found.markers)), np.nan)  # so that a parameter has one row in both tables
     tables = (
         ("per standard deviation of the prior (mm)", np.vstack([found.sensitivities, unknown])),
         ("from nominal to identified (mm)", np.vstack([found.shares, rest, found.change])),
@@ -74,7 +74,7 @@ def draw_attribution(found: RangeAttribution) -> Figure:
                 color="white" if abs(value) > 0.6 * limit else "black",
             )  # fmt: skip
         axes.set_yticks(range(len(rows)), rows, fontsize=8)
-        axes.set_xticks(range(len(found.marks)), found.marks, fontsize=8)
+        axes.set_xticks(range(len(found.markers)), found.markers, fontsize=8)
         axes.set_title(title, fontsize=9)
     figure.suptitle(
         "Change of the vertical range of motion of each marker, by parameter\n"
@@ -110,18 +110,18 @@ def draw_experiments(found: Sequence[Experiment]) -> Figure:
     return figure
 
 
-def draw_held_out(scene: PrintedScene, marks: Sequence[str]) -> Figure:
+def draw_held_out(scene: PrintedScene, markers: Sequence[str]) -> Figure:
     """Vertical ranges in the held-out cycle, which the fit never saw."""
     figure = Figure(figsize=(6.0, 3.0), layout="constrained")
     axes = figure.subplots()
     ranges = scene.identification.held_out_cycle.vertical_range_m
-    x = np.arange(len(marks))
+    x = np.arange(len(markers))
     for i, (kind, label, colour) in enumerate(
         (("before", "nominal", _BEFORE), ("after", "identified", _AFTER), ("tracked", "camera", _CAMERA))
     ):
         values = [np.nan if v is None else 1e3 * v for v in ranges[kind]]
         axes.bar(x + 0.27 * (i - 1), values, 0.25, label=label, color=colour, hatch=("//", "..", None)[i])
-    axes.set_xticks(x, marks)
+    axes.set_xticks(x, markers)
     axes.set_ylabel("vertical range of motion (mm)")
     axes.legend(frameon=False, ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1.0))
     figure.suptitle("Held-out cycle, which the fit did not see", fontsize=9)

@@ -26,7 +26,7 @@ class RangeAttribution(Record):
     """Vertical ranges of motion in a recording's last cycle, and the effect of P parameters on them."""
 
     parameters: tuple[str, ...]
-    marks: tuple[str, ...]
+    markers: tuple[str, ...]
     sensitivities: FloatArray
     """Change of a marker's range per standard deviation of the parameter's prior [m], shape (P, markers)."""
     shares: FloatArray
@@ -37,10 +37,10 @@ class RangeAttribution(Record):
 
     @property
     def numbers(self) -> ExplainedRanges:
-        """The slopes and shares, rounded [m]."""
+        """The sensitivities and shares, rounded [m]."""
 
         def named(values: FloatArray) -> dict[str, float]:
-            return {m: round(float(v), 7) for m, v in zip(self.marks, values, strict=True)}
+            return {m: round(float(v), 7) for m, v in zip(self.markers, values, strict=True)}
 
         return ExplainedRanges(
             {n: named(v) for n, v in zip(self.parameters, self.sensitivities, strict=True)},
@@ -57,9 +57,9 @@ def attribute_ranges(
     config: IdentificationConfig = DEFAULT_CONFIG,
     progress: Callable[[float], None] = lambda part: None,
 ) -> RangeAttribution:
-    """Vertical ranges of the nominal and the identified robot: slopes at both, and each parameter's share of
-    the change by the mean of both slopes. What the shares leave is not linear. Parameters on which no motion
-    depends are not simulated. `progress` is called with the part that is done."""
+    """Vertical ranges of the nominal and the identified robot: gradients at both, and each parameter's share
+    of the change by the mean of both gradients. What the shares leave is not linear. Parameters on which no
+    motion depends are not simulated. `progress` is called with the part that is done."""
     names = scene.parameters
     z = scene.z
     places = [np.zeros(len(z)), z]

@@ -23,11 +23,9 @@ Progress = Callable[[str, float], None]
 """Called with the present step and the fraction of it that is done, 0 to 1."""
 INTERVAL = 0.05
 """Time between the instants at which free lengths are given [s]."""
-_REST_INTERVALS = (
-    30  # intervals for which a robot has lain there, its cold springs pulling, before the film begins
-)
-_MIN_MARKERS = 3  # markers that determine the rotation of the body; two do not
-_MIN_LYING_TIME = 1.0  # a robot turned for this time in all lies; less may be a mistaken marker [s]
+_REST_INTERVALS = 30
+"""Intervals that a robot with cold springs stands before the film begins, until it is in equilibrium."""
+_MIN_LYING_TIME = 1.0  # total time rotated that counts as a fall; less may be a mistaken marker [s]
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,9 +101,9 @@ def predict_markers(
     ]
 
 
-def _interpolate_markers(motion: PrintedMotion, marks: IntArray, times: FloatArray) -> FloatArray:
-    """Marks of a motion at some instants, linear between those kept, shape (frames, markers, 2)."""
-    x = motion.positions[_REST_INTERVALS:, marks]
+def _interpolate_markers(motion: PrintedMotion, marker_masses: IntArray, times: FloatArray) -> FloatArray:
+    """Positions of the markers at some instants, interpolated linearly, shape (frames, markers, 2)."""
+    x = motion.positions[_REST_INTERVALS:, marker_masses]
     before = np.minimum((times / INTERVAL).astype(int), len(x) - 2)
     part = (times / INTERVAL - before)[:, None, None]
     return x[before] * (1 - part) + x[before + 1] * part
@@ -122,13 +120,16 @@ def _free_lengths(on: FloatArray, springs: Sequence[Sequence[SpringParameters]])
     return [table[:, i * motors : (i + 1) * motors] for i in range(len(springs))]
 
 
-def stays_upright(rest: FloatArray, tracked: Trajectory) -> bool:
-    """Whether markers that at `rest` (K, 2) [m] lie there were never turned as by a fall.
+def stays_upright(
+    rest: FloatArray, tracked: Trajectory, config: IdentificationConfig = DEFAULT_CONFIG
+) -> bool:
+    """Whether a filmed robot did not fall over. `rest` (K, 2) [m]: positions of its markers at rest.
 
-    The rotation is the one of `eldir.built.walking.rotation`, of the markers that are seen.
+    The rotation from rest is that of `eldir.built.walking.rotation`, computed from the visible markers.
+    Frames with fewer than `config.min_markers` visible markers are ignored.
     """
     seen = np.isfinite(tracked.positions[..., 0])
-    enough = seen.sum(axis=1) >= _MIN_MARKERS
+    enough = seen.sum(axis=1) >= config.min_markers
     there = seen[enough][..., None]
     current = np.where(there, tracked.positions[enough], 0.0)
     at_rest = np.where(there, rest, 0.0)

@@ -84,7 +84,7 @@ def identify_robot(
 
     Args:
         recordings: films of one robot, at least two cycles each.
-        nominal: the robot as drawn, with the assumed joint model.
+        nominal: the robot as designed, with the assumed joint model.
         others: nominal robots with another joint model, tried where the first leaves more than noise.
         measurements: readings of scales and meters.
         seed: random seed of the starting points; the same seed gives the same result.
@@ -141,7 +141,7 @@ def summarise(
     robot, covariance = best.robot(body), best.covariance(names)
     quantities = {}
     for name, quantity in QUANTITIES.items():
-        gradient = quantity.slopes(names)
+        gradient = quantity.gradient(names)
         prior, sd = float(np.sqrt(gradient @ gradient)), float(np.sqrt(gradient @ covariance @ gradient))
         if prior == 0 or quantity.value(nominal) == 0:  # such as friction in sockets of a robot with pins
             continue
@@ -181,8 +181,8 @@ def _finite_max(values: FloatArray) -> float:
 
 
 def part_numbers(robot: RobotParameters) -> tuple[FloatArray, dict[str, list[float]]]:
-    """Real minus drawn lengths of the strips [m], in the design's order, and the quantities of each motor's
-    spring."""
+    """Real minus designed lengths of the strips [m], in the design's order, and the quantities of each
+    motor's spring."""
     own = robot.motor_springs(robot.motor_z.shape[1])
     springs = {n: [round_number(getattr(s, QUANTITIES[n].field)) for s in own] for n in SPRING_SPREADS}
     return np.array([round_number(v) for v in robot.strips.tolist()]), springs

@@ -178,10 +178,10 @@ def parameters_at_edge(
 
 
 def is_identified(
-    verdict: FitVerdict, of_prior: float, config: IdentificationConfig = DEFAULT_CONFIG
+    verdict: FitVerdict, prior_share: float, config: IdentificationConfig = DEFAULT_CONFIG
 ) -> bool:
-    """Whether a quantity was identified; `of_prior`: its standard deviation as a part of its prior's."""
-    return verdict.values_known and of_prior < config.max_known_spread
+    """Whether a quantity was identified; `prior_share`: its standard deviation as a part of its prior's."""
+    return verdict.values_known and prior_share < config.max_known_spread
 
 
 def describe_model(model: IdentifiedModel, config: IdentificationConfig = DEFAULT_CONFIG) -> list[str]:

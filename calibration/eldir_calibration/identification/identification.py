@@ -116,8 +116,8 @@ def _closed_since(times: FloatArray, closed: BoolArray) -> FloatArray:
 def _meter_error(rig: Rig, current: float, voltage: float) -> float:
     assert rig.sensor is not None  # it measured
     chip, sensor = CHIPS[rig.sensor.kind], rig.sensor
-    of_current = chip.current_error(sensor.shunt_ohm, sensor.shunt_tolerance, current) / current
-    return float(max(of_current, chip.voltage_error(voltage) / voltage) / _UNIFORM_FACTOR)
+    current_error = chip.current_error(sensor.shunt_ohm, sensor.shunt_tolerance, current) / current
+    return float(max(current_error, chip.voltage_error(voltage) / voltage) / _UNIFORM_FACTOR)
 
 
 class RobotFilms(NamedTuple):
@@ -271,14 +271,14 @@ def write_figures(
     ranked = rank_experiments(
         films.body, scene, gaits, progress=lambda part: progress(_EXPERIMENT_STEP, (1 + part) / 2)
     )
-    drawn = {
+    drawings = {
         "intervals": dynamics_figures.draw_intervals(scene),
         "held-out": dynamics_figures.draw_held_out(scene, last.tracked.names),
         "explained": dynamics_figures.draw_attribution(found),
         "next": dynamics_figures.draw_experiments(ranked),
     }
     with new_folder(folder) as draft:
-        for name, figure in drawn.items():
+        for name, figure in drawings.items():
             write_bytes(draft / f"{name}.png", png(figure))
     numbers = replace(
         scene.identification, explained=found.numbers, next_films=tuple(e.numbers for e in ranked)

@@ -38,7 +38,7 @@ ALT_TEXTS = {
     "profiles": "Marks on an axis from minus one to one: correlation with the camera of the evolved and the "
     "predicted profile, and of other bodies'.",
     "heating": "Three rows over time: forward motion, closed contacts as bands, modelled temperature of each "
-    "spring below the maximum of 90 degrees.",
+    "spring, and a line at the rig's maximum.",
 }
 """What each picture shows, for those who do not see it."""
 _CHANNELS = ["#0072B2", "#56B4E9", "#D55E00", "#E69F00", "#009E73", "#CC79A7", "#000000", "#999999"]
@@ -211,8 +211,10 @@ def draw_heating(
     temperature_times: FloatArray,
     temperatures: FloatArray,
     springs: tuple[str, ...],
+    max_temperature_c: float,
 ) -> Figure:
-    """The filmed motion, and under it the contacts as read back and the modelled temperatures."""
+    """The filmed motion, and under it the contacts as read back and the modelled temperatures with their
+    maximum."""
     figure = Figure(figsize=(7.0, 5.2), layout="constrained")
     walk, top, bottom = figure.subplots(3, 1, sharex=True, height_ratios=[1.5, 1, 2])
     cycles, forward = motion.advance()
@@ -230,8 +232,11 @@ def draw_heating(
             temperature_times, temperatures[:, s], ("-", "--", "-.", ":")[s % 4], color=_CHANNELS[s % 8],
             label=spring,
         )  # fmt: skip
-    bottom.axhline(90, color="#D55E00", lw=0.8)
-    bottom.text(0.01, 91, "ceiling", color="#D55E00", fontsize=7, transform=bottom.get_yaxis_transform())
+    bottom.axhline(max_temperature_c, color="#D55E00", lw=0.8)
+    bottom.annotate(
+        "maximum", (0.01, max_temperature_c), (0, 2), bottom.get_yaxis_transform(), "offset points",
+        color="#D55E00", fontsize=7,
+    )  # fmt: skip
     bottom.set_ylabel("spring (°C), modelled")
     bottom.set_xlabel("time (s)")
     if springs:

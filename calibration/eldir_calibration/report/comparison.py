@@ -12,12 +12,11 @@ from typing import Annotated
 import numpy as np
 from scipy.special import stdtrit
 
+from eldir.built.gait import CYCLES
 from eldir.core.records import FloatArray, Record, Rounded, record
 from eldir.errors import InputError
 from eldir.trajectory import Trajectory
 
-CYCLES = 5
-"""Displacement is given for this many cycles (paper, Sect. Sim2Real)."""
 PHASE_SAMPLES = 100
 """Samples of a cycle."""
 MOTION_KINDS = ("simulated", "predicted", "tracked")
@@ -77,7 +76,7 @@ class Motion(Record):
         return ranges
 
     def by_phase(self) -> FloatArray:
-        """Positions at equal phases of every cycle [m], shape (cycles, PHASES, K, 2); gaps bridged."""
+        """Positions at equal phases of every cycle [m], shape (cycles, PHASE_SAMPLES, K, 2); gaps bridged."""
         phases = (np.arange(self.cycles * PHASE_SAMPLES) + 0.5) / PHASE_SAMPLES
         t, x = self.trajectory.times, self.trajectory.positions * self.scale
         columns = [_interpolate(self.start + phases * self.period, t, c) for c in x.reshape(len(t), -1).T]
@@ -99,10 +98,10 @@ class Motion(Record):
         ends = self.start + np.arange(self.cycles + 1) * self.period
         t, x = self.trajectory.times, self.trajectory.positions[:, :, 0]
         places = np.stack([_interpolate(ends, t, c) for c in x.T], axis=1)
-        visible_share = np.isfinite(places).all(axis=0)
-        if not visible_share.any():
+        visible = np.isfinite(places).all(axis=0)
+        if not visible.any():
             return np.full(self.cycles, np.nan)
-        return np.diff(places[:, visible_share].mean(axis=1)) / self.body_length * CYCLES
+        return np.diff(places[:, visible].mean(axis=1)) / self.body_length * CYCLES
 
 
 @dataclass(frozen=True)
@@ -189,7 +188,8 @@ def compare_motions(simulated: Motion, predicted: Motion, tracked: Motion) -> Mo
 
 
 def mean_cycle(folded: FloatArray) -> FloatArray:
-    """The mean over cycles, shape (PHASES, K, 2), without its mean, and horizontally without the steady walk.
+    """The mean over cycles, shape (PHASE_SAMPLES, K, 2), without its mean, and horizontally without the
+    steady walk.
 
     Any two robots that walk the same way would otherwise correlate.
     """
@@ -222,10 +222,8 @@ def agreements(folded: FloatArray, reference: FloatArray, lag: int = 0) -> list[
 def best_lag(folded: FloatArray, reference: FloatArray) -> int:
     """The shift in phase samples at which the heights of all masses correlate best."""
     a, b = mean_cycle(folded)[..., 1].T, mean_cycle(reference)[..., 1].T
-    visible_share = [
-        (u, v) for u, v in zip(a, b, strict=True) if np.isfinite(u).all() and np.isfinite(v).all()
-    ]
-    scores = [sum(_correlation(np.roll(u, s), v) for u, v in visible_share) for s in range(PHASE_SAMPLES)]
+    pairs = [(u, v) for u, v in zip(a, b, strict=True) if np.isfinite(u).all() and np.isfinite(v).all()]
+    scores = [sum(_correlation(np.roll(u, s), v) for u, v in pairs) for s in range(PHASE_SAMPLES)]
     return int(np.argmax(scores))
 
 

@@ -60,6 +60,8 @@ class HeatingRecord:
     temperature_times: FloatArray
     temperatures: FloatArray
     springs: tuple[str, ...]
+    max_temperature_c: float
+    """Maximum temperature of a spring, from the rig file [C]."""
 
 
 @dataclass(frozen=True)

@@ -42,9 +42,9 @@ class SampledMotions(Record):
     """Horizontal swing of each marker [m], shape (n, K)."""
 
     @classmethod
-    def of(cls, motions: Sequence[Motion | None], marks: int) -> SampledMotions:
+    def of(cls, motions: Sequence[Motion | None], markers: int) -> SampledMotions:
         """The motions of all samples; None for one that fell."""
-        lost = np.full(marks, np.nan)
+        lost = np.full(markers, np.nan)
         return cls(
             np.array([-np.inf if m is None else m.displacement() for m in motions]),
             np.array([lost if m is None else m.vertical_ranges().mean(axis=0) for m in motions]),
@@ -167,12 +167,12 @@ def evaluate_prediction(predicted: Motion, tracked: Motion, samples: SampledMoti
     motions: list[MarkerMotion] = []
     range_means = [CycleMean.of(r) for r in tracked.vertical_ranges().T]
     swing_values = [CycleMean(float(s), float(s), float(s)) for s in horizontal_swings(tracked)]
-    for quantity, nominal, of_samples, tracked_means in (
+    for quantity, nominal, sampled, tracked_means in (
         (VERTICAL_RANGE, predicted.vertical_ranges().mean(axis=0), samples.ranges, range_means),
         (HORIZONTAL_SWING, horizontal_swings(predicted), samples.swings, swing_values),
     ):
         for k, name in enumerate(names):
-            column = of_samples[:, k] if len(of_samples) else np.zeros(0)
+            column = sampled[:, k] if len(sampled) else np.zeros(0)
             motions.append(
                 MarkerMotion(
                     float(nominal[k]),
@@ -188,9 +188,9 @@ def evaluate_prediction(predicted: Motion, tracked: Motion, samples: SampledMoti
 
 def with_sample_intervals(report: MotionReport, verdict: ReportVerdict) -> MotionReport:
     """The report with intervals of the samples, instead of those over cycles, for all that is predicted."""
-    of_mark = {m.marker: m.predicted for m in verdict.motions if m.quantity == VERTICAL_RANGE}
+    by_marker = {m.marker: m.predicted for m in verdict.motions if m.quantity == VERTICAL_RANGE}
     ranges = [
-        CycleMean(old.mean, of_mark[name].low, of_mark[name].high)
+        CycleMean(old.mean, by_marker[name].low, by_marker[name].high)
         for name, old in zip(report.names, report.ranges["predicted"], strict=True)
     ]
     walk = CycleMean(
@@ -220,7 +220,7 @@ def _describe_walk(v: ReportVerdict) -> str:
     camera = f"Filmed: {filmed.mean:+.2f}{interval}." if math.isfinite(filmed.mean) else "Nothing was filmed."
     if walk.agreement is None:
         alone = f"{walk.nominal:+.2f} body lengths per five cycles, for the most probable parameters"
-        return f"Predicted: {alone}. {camera} It is unknown whether they agree: {_too_few_samples(v)}."
+        return f"Predicted: {alone}. {camera} {v.sentence}"
     p = walk.predicted
     falls = f"; {v.fell} of {v.samples} samples fall" if v.fell else ""
     predicted = (

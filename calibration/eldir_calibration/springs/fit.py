@@ -144,7 +144,7 @@ def fit_spring(recording: SpringRecording, former: SpringParameters) -> SpringFi
 class _Solution:
     x: FloatArray
     residuals: FloatArray
-    """Of all samples [K], shape (N,)."""
+    """Residual of every sample [K], shape (N,)."""
     good: BoolArray
     """Samples that were used, shape (N,)."""
     covariance: FloatArray

@@ -38,7 +38,7 @@ class SimulationExtent(Record):
     samples: Annotated[int, Field(ge=2)] = 8
     """Number of robots of each prediction, and of as many others in MuJoCo."""
     cycles: Annotated[int, Field(ge=1)] = 2
-    """Number of cycles that count in MuJoCo, after one that does not; predictions count five."""
+    """Number of cycles that are measured in MuJoCo, after one of conditioning; predictions have five."""
     phases: NonNegativeInt = 0
     """Number of other phases of each gait that are compared too."""
     seed: NonNegativeInt = 0

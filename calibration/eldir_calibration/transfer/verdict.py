@@ -27,7 +27,7 @@ GOALS: dict[Goal, tuple[float, float]] = {
     "coverage": (0.85, 0.99),
     "mean_error": (0.0, 0.1),
 }
-"""Goal of each number of an `TransferAgreement`, from and to."""
+"""Goal of each number of a `TransferAgreement`, from and to."""
 _MIN_RANKED_WALKS = 3  # walks that can be ranked
 _MIN_RELIABLE_WALKS = 10  # walks with which a rank correlation is still uncertain
 
@@ -212,18 +212,18 @@ def explain_walk(
     springs, cycles = settings.springs, settings.cycles
     table = free_lengths(one.gait, springs, cycles)
 
-    def sentences(what: str) -> None:
+    def report_step(what: str) -> None:
         progress(f"explaining {one.file}: {what}", 1)
 
     feet = np.array([hub.friction for hub in model.hubs]) / nominal.friction
     parameters = RobotParameters(nominal.with_hubs(), springs, feet=feet)
     robot = build(body, parameters, ballast=one.design.ballast / 2)
     (engine,) = displacements([robot], [table], cycles, (springs.cold_length, springs.hot_length))
-    sentences("MuJoCo")
+    report_step("MuJoCo")
     whole = measure_walk(model, body, table, cycles, springs).displacement
-    sentences("one law less")
+    report_step("one law less")
     without = {}
     for name, simpler in SIMPLIFICATIONS.items():
         without[name] = measure_walk(simpler(model), body, table, cycles, springs).displacement
-        sentences(f"without {name}")
+        report_step(f"without {name}")
     return ExplainedWalk(one.file, seed, float(engine), whole, without)

@@ -229,19 +229,19 @@ class CameraPose(NamedTuple):
     position: FloatArray
     """Its centre of projection [m], shape (3,)."""
     rotation: FloatArray
-    """From the optical frame (x right, y down, z into the picture) to the ground's, shape (3, 3)."""
+    """Rotation from the optical frame (x right, y down, z into the picture) to the ground's, shape (3, 3)."""
 
 
 def estimate_camera_pose(plane: Plane, focal: float) -> CameraPose:
     """The pose of a camera of this focal length [px], from a calibrated plane.
 
     The homography is a multiple of diag(f, f, 1) [r1 r2 t], with r1 and r2 the plane's axes and t its origin
-    in the optical frame. The nearest rotation is taken, since noise leaves r1 and r2 not quite upright.
+    in the optical frame. The nearest rotation is taken, since noise leaves r1 and r2 not quite orthogonal.
     """
     f = focal / plane.half_diagonal_px
     h = np.diag([1 / f, 1 / f, 1.0]) @ plane.homography
     h = h / np.sqrt(np.linalg.norm(h[:, 0]) * np.linalg.norm(h[:, 1]))
-    if h[2, 2] + h[2, :2] @ _central_point(plane) < 0:  # the plane is before the camera
+    if h[2, 2] + h[2, :2] @ _central_point(plane) < 0:  # the plane is in front of the camera
         h = -h
     right, up = h[:, 0], h[:, 1]
     u, _, v = np.linalg.svd(np.column_stack([right, -np.cross(right, up), up]))

@@ -125,7 +125,7 @@ def intersect_edges(grey: Image, corners: FloatArray, reach: float = _PROFILE_RE
 
 
 _Line = tuple[float, float, float]
-"""Of points (x, y) with l0 x + l1 y + l2 = 0 [px]."""
+"""Coefficients of the line l0 x + l1 y + l2 = 0 through points (x, y) [px]."""
 
 
 def _intersection(one: _Line, other: _Line) -> tuple[float, float]:

@@ -21,7 +21,7 @@ _MAX_STRETCH, _SLACK = 1.5, 0.06
 """Largest distance of two masses, by their distance in the design, and in addition [m]: a hot motor is 1.5 to
 2.1 times as long as a cold one, and a body unfolds."""
 _MAX_BRANCHES = 4000
-"""Of more branches, those that fit the layout best are kept."""
+"""Maximum number of branches of the search; the branches that fit the layout best are kept."""
 MAX_LAYOUT_RMS = 0.02
 """Largest RMS distance from the design without a note [m]: bodies sag, and one motor's stroke of 40 mm moves
 one marker by as much relative to the others."""
@@ -36,8 +36,8 @@ MIN_SET_SIZE = 3
 SIMILAR_APPEARANCE = 0.2
 """Candidates whose differences are within this of each other look alike [rad of hue + residual of a disc]."""
 AMBIGUITY_MARGIN = 0.012
-"""Of two candidates for a marker, the second must be this much farther from the predicted position [m], and
-twice as far."""
+"""A marker is ambiguous unless the second candidate is farther from the predicted position than the first by
+this distance [m], and twice as far."""
 _FORBIDDEN_COST = 1e6
 
 

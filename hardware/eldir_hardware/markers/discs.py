@@ -88,7 +88,7 @@ class DiscTracker(MarkerTracker[Disc]):
         self, plane: Plane, names: tuple[str, ...] = tuple(PALETTE), layout: FloatArray | None = None
     ):
         """As `MarkerTracker`. Raises `InputError` for a name that the palette does not have."""
-        require_known("mark", names or "none", PALETTE)
+        require_known("marker", names or "none", PALETTE)
         super().__init__(plane, names, layout)
         self.paper = None if plane.board is None else _paper_ring(plane, plane.board)
         self._colour: ColourModel | None = None
@@ -135,8 +135,8 @@ class DiscTracker(MarkerTracker[Disc]):
             return []
         usual = float(np.median([disc.residual for disc in measured]))
         self.notes += [
-            f"{name} is no whole disc at {t:.1f} s: something of its colour is beside it, or part of it is "
-            "covered; its place may be some millimetres off: check it on the overlay."
+            f"{name} does not look like a whole disc at {t:.1f} s: something of its colour is beside it, or "
+            "part of it is covered; its position may be wrong by some millimetres: check it on the overlay."
             for name, disc in zip(self.names, measured, strict=True)
             if disc.residual > usual + 2 * _MAX_RESIDUAL_GROWTH
         ]

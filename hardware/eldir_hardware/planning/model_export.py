@@ -15,7 +15,7 @@ from eldir.parameters.springs import SpringParameters
 from eldir_cad.geometry.assembly import assemble
 from eldir_cad.kit.printer import Printer
 from eldir_cad.kit.specification import Specification
-from eldir_cad.multibody.hubs import hub_shapes
+from eldir_cad.multibody.hubs import hub_name, hub_shapes
 from eldir_cad.multibody.mjcf import mjcf_text
 from eldir_cad.multibody.model import Multibody, build_multibody
 from eldir_hardware.schedule import ActuationSchedule
@@ -49,8 +49,8 @@ def export_robot(
     shapes = hub_shapes(assemble(body, spec))
     with new_folder(folder) as draft:
         for hub, data in shapes.items():
-            write_bytes(draft / f"hub_{hub:02d}.stl", data)
-    names = {hub: f"{folder.name}/hub_{hub:02d}.stl" for hub in shapes}
+            write_bytes(draft / f"{hub_name(hub)}.stl", data)
+    names = {hub: f"{folder.name}/{hub_name(hub)}.stl" for hub in shapes}
     write_text(out, mjcf_text(model, stem.name, names))
     if rows is None:
         return [out, folder]

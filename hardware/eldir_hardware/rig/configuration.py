@@ -24,8 +24,8 @@ from eldir.parameters.springs import SpringParameters, wire_heat_transfer_coeffi
 from eldir.parameters.wiring import Connection
 from eldir_hardware.current_sensor import CHIPS
 from eldir_hardware.markers.registration import DEFAULT_KIND, require_kind
-from eldir_hardware.rig._addresses import hide_address, hide_addresses, hide_password, validate_addresses
 from eldir_hardware.rig._renamed_keys import require_current_names, with_current_names
+from eldir_hardware.rig.addresses import hide_address, hide_addresses, hide_password, validate_addresses
 from eldir_hardware.rig.sections import (
     BoardEntry,
     ContactorEntry,

@@ -43,7 +43,7 @@ class GuardedPort(NamedTuple):
     given_name: str
     """The name by which the device was given, such as a link; it may refer to another one now."""
     lock: str
-    """As /proc/locks names it."""
+    """Identifier of the lock in /proc/locks."""
 
 
 def find_holder(port: Port) -> Holder | None:

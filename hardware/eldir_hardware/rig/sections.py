@@ -14,8 +14,8 @@ from eldir.core.validation import Section
 from eldir.errors import InputError
 from eldir_hardware.current_sensor import CHIPS
 from eldir_hardware.relay.registration import get_board
-from eldir_hardware.rig._addresses import is_camera
 from eldir_hardware.rig._board_hints import find_port_problem
+from eldir_hardware.rig.addresses import is_camera
 
 _MIN_RESISTIVITY, _MAX_RESISTIVITY = 0.4e-6, 1.3e-6  # of Nitinol [Ohm m]
 # Published: 0.44e-6 (table II of PMC5687518), 0.8e-6 to 1.0e-6 (Dynalloy's sheet F1140).

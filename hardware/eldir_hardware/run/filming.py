@@ -23,7 +23,7 @@ from eldir.errors import EldirError, InputError
 from eldir_hardware.camera.lens import Lens, require_not_expired
 from eldir_hardware.camera.plane import FieldOfView, Image, Plane, TagBoard
 from eldir_hardware.resource import Resource
-from eldir_hardware.rig._addresses import hide_password
+from eldir_hardware.rig.addresses import hide_password
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.sections import LiveCameraEntry, VirtualCameraEntry
 from eldir_hardware.schedule import ActuationSchedule

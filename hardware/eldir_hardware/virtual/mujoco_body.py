@@ -18,15 +18,16 @@ from eldir.morphology import Morphology
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import sample_feet
 from eldir.parameters.springs import SpringParameters
-from eldir_cad.checks._contacts import point_distance
+from eldir_cad.checks.contacts import point_distance
 from eldir_cad.kit import PRINTER
 from eldir_cad.kit.printer import load_printer
 from eldir_cad.kit.specification import Specification, load_specification
+from eldir_cad.multibody.hubs import hub_name
 from eldir_cad.multibody.mjcf import mjcf_text
 from eldir_cad.multibody.model import Multibody, build_multibody
 
 TILT_SCATTER = np.deg2rad(0.2)
-"""Standard deviation of the table's slope [rad]: a table that was levelled with a bubble."""
+"""Standard deviation of the table's slope [rad]: a table that was levelled with a spirit level."""
 _MAX_SPEED = 1e3  # speed beyond which the simulation has failed [m/s, rad/s]; MuJoCo itself goes on to 1e10
 _COMMAND_INTERVAL = 1e-3
 """Free lengths are set this often [s]."""
@@ -46,7 +47,7 @@ class MujocoBody:
         """`ballast` [kg] on each hub, both faces together; `built`: parameters of the robot, else by `seed`.
 
         The seed gives the same masses, stiffnesses and strips as `EngineBody` has with it. Each
-        foot's friction and the table's slope are drawn in addition. Raises `MissingDependencyError` without
+        foot's friction and the table's slope are samples too. Raises `MissingDependencyError` without
         MuJoCo.
         """
         model = sample_multibody(morphology, seed, ballast, built)
@@ -73,14 +74,13 @@ class MujocoMotion:
 
     def __init__(self, model: Multibody, free: tuple[float, float]):
         """`free`: cold and hot free length [m], between which the stiffness goes from cold to hot."""
-        self.engine = engine = _mujoco()
-        """The module mujoco."""
-        self.multibody_model, self._free = model, free
+        self._engine = engine = _mujoco()
+        self._multibody, self._free = model, free
         self.model = engine.MjModel.from_xml_string(mjcf_text(model))
         """The compiled model (mujoco.MjModel)."""
         self.data = engine.MjData(self.model)
         """Its state (mujoco.MjData)."""
-        self._hubs = [self.model.body(f"hub_{i:02d}").id for i in range(len(model.hubs))]
+        self._hubs = [self.model.body(hub_name(i)).id for i in range(len(model.hubs))]
         engine.mj_kinematics(self.model, self.data)
 
     @property
@@ -105,7 +105,7 @@ class MujocoMotion:
         require_value("interval", whole, f"a multiple of the step, n x {step:g} s", f"{interval:g} s")
         steps = steps if total % steps == 0 else 1
         commands = total // steps
-        wanted, forces = self.multibody_model.coil_commands(lengths, self._free)
+        wanted, forces = self._multibody.coil_commands(lengths, self._free)
         for before in range(len(lengths) - 1):
             for command in range(commands):
                 part = (command + 0.5) / commands
@@ -113,7 +113,7 @@ class MujocoMotion:
                     wanted[before] + part * (wanted[before + 1] - wanted[before]),
                     forces[before] + part * (forces[before + 1] - forces[before]),
                 )
-                self.engine.mj_step(self.model, self.data, steps)
+                self._engine.mj_step(self.model, self.data, steps)
                 if not np.abs(self.data.qvel).max(initial=0.0) < _MAX_SPEED:
                     raise divergence_error("the virtual robot's body")
 

@@ -13,7 +13,7 @@ import cv2
 from eldir.errors import InputError
 from eldir_hardware.camera.plane import Image
 from eldir_hardware.images.jpeg import silence_opencv
-from eldir_hardware.rig._addresses import CAMERA_NAME, hide_password
+from eldir_hardware.rig.addresses import CAMERA_NAME, hide_password
 
 _MAX_CLOCK_DIFFERENCE = 1.0
 """If a driver's clock differs from ours by more than this, its timestamps are not used [s]."""

@@ -109,7 +109,7 @@ class LiveTracker:
 
 
 class LiveOverlay:
-    """Collects positions, and draws them at most once in `period` seconds."""
+    """Collects positions of markers and draws their paths; `is_due` limits how often."""
 
     def __init__(self, names: tuple[str, ...]):
         self._names = names
@@ -121,7 +121,7 @@ class LiveOverlay:
         self._trail.append((t, positions))
 
     def is_due(self, t: float, period: float) -> bool:
-        """Whether the last drawing is `period` [s] old."""
+        """Whether the last drawing is at least `period` [s] old at `t` [s]."""
         return t - self._last_drawing >= period
 
     def draw(self, image: Image, plane: Plane) -> bytes:

@@ -147,16 +147,16 @@ def draw_overlay(image: Image, plane: Plane, trajectory: Trajectory) -> bytes:
                 line(path[piece], (0, 0, 0), 4)
                 line(path[piece], colour, 2)
         if good.any():
-            last_frame = plane.to_pixels(path[good][-1])
+            last_pixel = plane.to_pixels(path[good][-1])
             cv2.drawMarker(
                 picture,
-                np.round(_to_zoomed(last_frame)).astype(int).tolist(),
+                np.round(_to_zoomed(last_pixel)).astype(int).tolist(),
                 (255, 255, 255),
                 cv2.MARKER_CROSS,
                 14,
                 1,
             )
-            ends.append((name, last_frame + np.array([7, -5])))
+            ends.append((name, last_pixel + np.array([7, -5])))
     for name, position in declutter_labels(ends):  # above all paths
         _write_text(picture, name, position, 0.6)
     return cv2.imencode(".png", picture)[1].tobytes()

@@ -15,7 +15,7 @@ from eldir_hardware.camera.plane_fit import WrongLensError, calibrate_plane
 from eldir_hardware.camera.tags import DriftMonitor
 from eldir_hardware.log.reader import read_attachment
 from eldir_hardware.markers.registration import DEFAULT_KIND, require_kind
-from eldir_hardware.rig._addresses import is_camera
+from eldir_hardware.rig.addresses import is_camera
 from eldir_hardware.vision.sources import LoggedFrames, Source, open_source, recording_time
 
 CALIBRATION_FRAMES = 10

@@ -20,10 +20,10 @@ from eldir_hardware.images import jpeg
 from eldir_hardware.images.file_kind import require_video
 from eldir_hardware.images.jpeg import silence_opencv
 from eldir_hardware.images.video_reader import Video
-from eldir_hardware.log.mcap_file import BAG_METADATA as BAG
+from eldir_hardware.log.mcap_file import BAG_METADATA
 from eldir_hardware.log.messages import VIRTUAL_EPOCH
 from eldir_hardware.log.reader import RunLog, read_log
-from eldir_hardware.rig._addresses import is_camera
+from eldir_hardware.rig.addresses import is_camera
 from eldir_hardware.vision.live import CameraDevice
 
 _logger = logging.getLogger(__name__)
@@ -71,7 +71,7 @@ def open_source(path: Path | str, rate: float | None = None, seconds: float = 10
     path = Path(path)
     if not path.exists():
         raise missing(path)
-    if path.is_dir() and (path / BAG).exists():
+    if path.is_dir() and (path / BAG_METADATA).exists():
         return LoggedFrames(read_log(path))
     if path.is_dir():
         return PictureFolder(path, rate)

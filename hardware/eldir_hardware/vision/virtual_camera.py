@@ -103,11 +103,6 @@ class VirtualCamera:
         return self._optics.plane
 
     @property
-    def white_balance(self) -> FloatArray:
-        """Mean picture value of a white surface, BGR, relative to saturation, shape (3,)."""
-        return self._optics.light.mean(axis=(0, 1)) ** self._optics.tone
-
-    @property
     def lens(self) -> Lens:
         """The lens that an exact calibration of this camera would give; the tracker does not get it."""
         plane, focal = self._optics.plane, self._optics.focal
@@ -184,10 +179,10 @@ class VirtualCamera:
 
     def paint_marker(self, albedo: _Picture, origin: tuple[int, int], centre: FloatArray, name: str) -> None:
         """Paint a marker at `centre` (2,) [m] into a reflectance (h, w, 3) whose first pixel is `origin`."""
-        lens = self._optics.plane
-        scale = float(lens.pixels_per_metre(centre))
+        plane = self._optics.plane
+        scale = float(plane.pixels_per_metre(centre))
         reach = int(np.ceil(0.6 * self.marker_kind.width * scale)) + 2
-        x, y = np.round(lens.to_pixels(centre)).astype(int)
+        x, y = np.round(plane.to_pixels(centre)).astype(int)
         x0, y0 = max(x - reach, origin[0]), max(y - reach, origin[1])
         x1 = min(x + reach + 1, origin[0] + albedo.shape[1])
         y1 = min(y + reach + 1, origin[1] + albedo.shape[0])
@@ -201,7 +196,7 @@ class VirtualCamera:
         part += (cover[..., None] * colour).mean(axis=2)
 
     def _subpixels(self, x0: int, y0: int, x1: int, y1: int) -> FloatArray:
-        """Centres of the subpixels of a box in the plane [m], shape (h, w, _FINE**2, 2)."""
+        """Centres of the subpixels of a box in the plane [m], shape (h, w, _SUBPIXELS**2, 2)."""
         steps = (np.arange(_SUBPIXELS) + 0.5) / _SUBPIXELS - 0.5
         dx, dy = (d.ravel() for d in np.meshgrid(steps, steps))
         points = np.empty((y1 - y0, x1 - x0, _SUBPIXELS**2, 2))
@@ -258,10 +253,10 @@ def sample_pose(rng: np.random.Generator, board: TagBoard, size: tuple[int, int]
     while True:
         shift = np.array([0, 0, distance]) - view @ np.append(middle, 0)
         homography = np.diag([focal / unit, focal / unit, 1.0]) @ np.column_stack([view[:, :2], shift])
-        lens = Plane(*size, homography, centre, k, 0.0)
-        pixels = lens.to_pixels(corners)
+        plane = Plane(*size, homography, centre, k, 0.0)
+        pixels = plane.to_pixels(corners)
         if ((pixels > 14) & (pixels < np.array(size) - 15)).all():
-            return focal, lens
+            return focal, plane
         distance *= 1.01
 
 

@@ -11,6 +11,7 @@ from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 
 from eldir_ros.programs import launching
+from eldir_ros.remote.graph_check import OBSERVERS
 from launch import LaunchDescription
 
 
@@ -19,7 +20,7 @@ def _setup(context, *args, **kwargs):
         return LaunchConfiguration(name).perform(context)
 
     external = value("camera") == "external"
-    required = tuple(n for n in launching.OBSERVERS if not (external and n == "camera"))
+    required = tuple(n for n in OBSERVERS if not (external and n == "camera"))
     values = launching.parameters(
         value("rig"),
         value("design"),
@@ -50,7 +51,7 @@ def generate_launch_description():
             "external",
             "external: a driver publishes the pictures; or a name such as camera:0.",
         ),
-        ("tags", "", "File with the positions of the fixed tags."),
+        ("tags", "", "File with the positions of the reference tags."),
         ("plane", "", "File of a calibrated plane, instead of tags."),
         ("lens", "", "Lens file of the camera, from eldir calibrate camera."),
         ("logs", ".", "Folder for the logs."),

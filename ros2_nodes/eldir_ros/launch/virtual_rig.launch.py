@@ -14,6 +14,7 @@ from launch.actions import OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 
 from eldir_ros.programs import launching
+from eldir_ros.remote.graph_check import OBSERVERS
 from launch import LaunchDescription
 
 
@@ -29,7 +30,7 @@ def _setup(context, *args, **kwargs):
         value("logs"),
         port=port,
         autostart=value("autostart") == "true",
-        required=launching.OBSERVERS,
+        required=OBSERVERS,
     )
     values["virtual_bench"]["trace"] = value("trace")
     if value("model") == "false":
@@ -37,9 +38,7 @@ def _setup(context, *args, **kwargs):
     graph = launching.Graph.of(context)
     started = launching.nodes(values, value("composed") == "true", graph)
     if value("run") == "true":
-        started += launching.run(
-            value("schedule") or str(folder / "schedule.json"), launching.OBSERVERS, graph
-        )
+        started += launching.run(value("schedule") or str(folder / "schedule.json"), OBSERVERS, graph)
     return started
 
 

@@ -32,12 +32,12 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from eldir_ros.base.message_types import COMPLETE, LATCHED
+from eldir_ros.remote.graph_check import HEATING, OBSERVERS
 from eldir_ros.remote.heartbeats import PERIOD
 
-OBSERVERS = ("camera", "mass_tracker", "mcap_recorder", "range_of_motion")
 # A killed node stays in a domain's discovery for ten seconds: the next test could mistake it for its own.
 _DOMAINS = itertools.cycle(range(100 + os.getpid() % 50, 200))
-NODES = ("relay_board", "actuation_sequencer", *OBSERVERS)
+NODES = (*HEATING, *OBSERVERS)
 
 
 class Stalls:

@@ -17,10 +17,11 @@ import pytest
 rclpy = pytest.importorskip("rclpy", reason="needs ROS 2 Jazzy")
 pytest.importorskip("eldir_msgs", reason="needs the package eldir_msgs, built by colcon")
 
-from graph import NODES, OBSERVERS, Graph, wait_until  # noqa: E402
+from graph import NODES, Graph, wait_until  # noqa: E402
 from schedules import LONG, SHORT  # noqa: E402
 
 from eldir_ros.conversions import runs  # noqa: E402
+from eldir_ros.remote.graph_check import OBSERVERS  # noqa: E402
 from eldir_ros.remote.heartbeats import NODE_TIMEOUT  # noqa: E402
 
 HEATING = ("relay_board", "actuation_sequencer")

@@ -12,8 +12,9 @@ from eldir.genotype import random_genotypes
 from eldir.lattice import Lattice
 from eldir.morphology import develop
 from eldir.parameters.springs import SpringParameters
-from eldir_cad.checks._contacts import find_contacts, find_leads
-from eldir_cad.checks._kinematics import (
+from eldir_cad.checks.buildability import check
+from eldir_cad.checks.contacts import find_contacts, find_leads
+from eldir_cad.checks.kinematics import (
     AT_REST,
     Stroke,
     degrees_of_freedom,
@@ -25,7 +26,6 @@ from eldir_cad.checks._kinematics import (
     simulate_stroke,
     socket_turns,
 )
-from eldir_cad.checks.buildability import check
 from eldir_cad.checks.strip_law import StripLaw
 from eldir_cad.kit.printer import fit_to_printer, load_printer
 from eldir_cad.kit.specification import load_specification

@@ -90,7 +90,7 @@ def test_pictures_show_what_was_found(scene: PrintedScene, found: RangeAttributi
     drawn = [
         draw_intervals(scene),
         draw_attribution(found),
-        draw_held_out(scene, found.marks),
+        draw_held_out(scene, found.markers),
         draw_experiments([film]),
     ]
     for picture in (imread(BytesIO(png(figure))) for figure in drawn):

@@ -44,7 +44,7 @@ def test_meters_tell_the_heat_capacity() -> None:
         known = problem.prior_jacobian(np.zeros(len(names)))
         left = np.linalg.inv(known.T @ known + np.diag(fixed))
         for name in ("heat_capacity", "cooling"):
-            by = QUANTITIES[name].slopes(names)
+            by = QUANTITIES[name].gradient(names)
             sds[name, read.current, read.voltage] = np.sqrt(by @ left @ by)
     heat, resistance = PARAMETERS["heat"].spread, PARAMETERS["resistance"].spread
     deviations = {(False, False): heat}
@@ -71,7 +71,7 @@ def test_a_worse_meter_tells_less(error: float, left: float) -> None:
     read = Measurements(current=4.0, voltage=across, error=error)
     problem = Problem(walker(), [], NOMINAL, names, (1e-4, 1e-4), np.ones(len(names)), read)
     known = problem.prior_jacobian(np.zeros(len(names)))
-    by = QUANTITIES["cooling"].slopes(names)
+    by = QUANTITIES["cooling"].gradient(names)
     sd = float(np.sqrt(by @ np.linalg.inv(known.T @ known + np.diag(fixed)) @ by))
     assert 1e3 * sd == pytest.approx(left, abs=0.15)
     assert sd < 0.018, "better than an ammeter alone"
@@ -83,5 +83,5 @@ def test_current_counts_also_where_the_voltage_is_what_limits() -> None:
     assert weak.springs.current(0.0) < 20
     for name in ("current", "heat", "resistance"):
         up = weak.at([name], [1.0]).springs
-        by = dict(zip(PARAMETERS, QUANTITIES["current"].slopes(tuple(PARAMETERS)), strict=True))[name]
+        by = dict(zip(PARAMETERS, QUANTITIES["current"].gradient(tuple(PARAMETERS)), strict=True))[name]
         assert np.log(up.current(0.0) / weak.springs.current(0.0)) == pytest.approx(by, abs=1e-9)

@@ -17,6 +17,7 @@ HEATING = HeatingRecord(
     t,
     np.stack([40 + 20 * np.sin(t), 40 + 20 * np.cos(t)], axis=1),
     ("spring0_front", "spring1_front"),
+    90.0,
 )
 
 

@@ -41,6 +41,15 @@ def test_page_pictures_and_numbers(plain_report: Path) -> None:
     assert f"{values['body_lengths_per_5_cycles']['tracked']:+.2f}" in page
 
 
+def test_the_same_report_has_the_same_bytes(tmp_path: Path, plain_report: Path) -> None:
+    write_report(content(), tmp_path / "report")
+    first, second = (
+        {p.name: p.read_bytes() for p in f.iterdir()} for f in (plain_report, tmp_path / "report")
+    )
+    assert first.keys() == second.keys()
+    assert [name for name in first if first[name] != second[name]] == []
+
+
 def test_a_prediction_before_and_after_identification(tmp_path: Path, plain_report: Path) -> None:
     """The same shape of motion, a tenth too high before."""
     told = content(

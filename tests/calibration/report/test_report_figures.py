@@ -1,6 +1,7 @@
-"""The report's figures: names at the paths, and a legend that leaves the ceiling free."""
+"""The report's figures: names at the paths, and a legend that leaves the maximum free."""
 
 import numpy as np
+import pytest
 
 from eldir_calibration.report._figures import draw_heating, draw_paths
 from tests.calibration.report.striding_walkers import walker
@@ -12,13 +13,16 @@ def test_every_path_has_the_name_of_its_mark() -> None:
     assert [t.get_text() for t in axes.texts] == list(motions["tracked"].trajectory.names)
 
 
-def test_the_legend_is_above_the_ceiling_line() -> None:
+@pytest.mark.parametrize("maximum", [80.0, 90.0])
+def test_the_legend_is_above_the_line_at_the_rigs_maximum(maximum: float) -> None:
     t = np.arange(0.0, 120.0)
     springs = ("spring0_front", "spring0_back", "spring1_front", "spring1_back")
     figure = draw_heating(
-        walker(), t, np.ones((120, 4), bool), tuple("1234"), t, np.full((120, 4), 86.0), springs
+        walker(), t, np.ones((120, 4), bool), tuple("1234"), t, np.full((120, 4), 76.0), springs, maximum
     )
-    figure.canvas.draw()
+    figure.draw_without_rendering()  # a figure without a window has a canvas that draws nothing
     bottom = figure.axes[-1]
-    ceiling = bottom.transData.transform((0.0, 90.0))[1]
-    assert bottom.get_legend().get_window_extent().y0 > ceiling
+    heights = [set(line.get_ydata()) for line in bottom.lines]
+    assert heights == [{76.0}] * 4 + [{maximum}]
+    assert [text.get_text() for text in bottom.texts] == ["maximum"]
+    assert bottom.get_legend().get_window_extent().y0 > bottom.transData.transform((0.0, maximum))[1]

@@ -49,7 +49,7 @@ def test_what_samples_do_is_measured_as_on_film():
     found = sampled(fell=2)
     assert found.walks[:5] == pytest.approx(np.array(SPEEDS) / LENGTH * 5, rel=1e-6)
     assert found.fell == 2 and np.isneginf(found.walks[5:]).all() and np.isnan(found.ranges[5:]).all()
-    # Mark one swings by 4 mm either way, two samples a cycle are at most 2 % from the turning points.
+    # Marker one swings by 4 mm either way, two samples a cycle are at most 2 % from the turning points.
     assert found.swings[0] == pytest.approx([0.008, 0.008], rel=0.02)
     assert found.ranges[0] == pytest.approx([0.0056, 0.0112], rel=0.02)
     assert horizontal_swings(walker(swing=0.006)) == pytest.approx([0.012, 0.012], rel=0.02)
@@ -86,7 +86,7 @@ def test_scatter_over_cycles_is_not_the_interval():
 
 
 def test_the_motion_that_disagrees_most_is_named():
-    """Mark two lifts twice as far as mark one; only its lift is wrong on film."""
+    """Marker two lifts twice as far as marker one; only its lift is wrong on film."""
     film = walker()
     film.trajectory.positions.setflags(write=True)
     film.trajectory.positions[:, 1, 1] = 0.06 + 1.5 * (film.trajectory.positions[:, 1, 1] - 0.06)
@@ -105,6 +105,16 @@ def test_without_samples_nothing_is_decided():
     assert "only 0 of 4 samples stay upright" in fallen.text
 
 
+def test_a_film_without_markers_is_the_reason_why_nothing_is_known():
+    """The samples are all there: the verdict and its text must not blame them."""
+    film = walker(noise=1e-5)
+    film.trajectory.positions.setflags(write=True)
+    film.trajectory.positions[:] = np.nan
+    v = evaluate_prediction(walker(), film, sampled())
+    assert v.walk.agreement is None and "nothing was filmed" in v.sentence
+    assert v.text.endswith(f"Nothing was filmed. {v.sentence}") and "samples stay upright" not in v.text
+
+
 def test_the_page_opens_with_it(tmp_path: Path):
     made = content(samples=sampled(fell=1), tracked=walker(speed=0.03, noise=1e-5))
     report = write_report(made, tmp_path / "report")
@@ -119,10 +129,10 @@ def test_the_page_opens_with_it(tmp_path: Path):
     assert values["body_lengths_per_5_cycles_interval"]["predicted"] == [low, high]
     assert report.displacement_intervals["predicted"].low == pytest.approx(low, abs=1e-8)
     one = values["masses"]["m2"]["vertical_range_interval_m"]
-    (of_samples,) = [
+    (m2_range,) = [
         m for m in values["verdict"]["motions_m"] if (m["mark"], m["motion"]) == ("m2", "vertical range")
     ]
-    assert one["predicted"] == of_samples["predicted_interval"] != one["tracked"]
+    assert one["predicted"] == m2_range["predicted_interval"] != one["tracked"]
 
 
 def test_the_table_says_whose_prediction_it_shows(tmp_path: Path, plain_report: Path):

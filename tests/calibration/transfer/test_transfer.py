@@ -106,13 +106,21 @@ def test_the_springs_are_those_of_evolution_or_of_the_rig(folder: Path, tmp_path
 
 
 def test_the_same_seed_gives_the_same_bytes(folder: Path, tmp_path: Path) -> None:
-    found = transfer(folder / "tiny.json", *SMALL, "--seed", 4, "--out", tmp_path / "again")
+    again = tmp_path / "again"
+    found = transfer(folder / "tiny.json", *SMALL, "--explain", "--seed", 4, "--out", again)
     assert found.exit_code == 0, found.output
-    before, same = (
-        json.loads((where / "transfer.json").read_text())["walks"]
-        for where in (folder / "out", tmp_path / "again")
-    )
-    assert same == before
+    for name in ("transfer.json", "transfer.html"):
+        assert (again / name).read_bytes() == (folder / "out" / name).read_bytes(), name
+
+
+def test_another_seed_gives_other_robots_in_both_simulations(folder: Path) -> None:
+    (before,) = json.loads((folder / "out" / "transfer.json").read_text())["walks"]
+    settings = TransferConfig(samples=2, cycles=1, seed=40, springs=make_workshop().springs)
+    (other,) = compare_walks([load_walking_design(str(folder / "tiny.json"), settings.springs)], settings)
+    for walks, key in ((other.predicted, "predicted"), (other.mujoco, "mujoco")):
+        assert np.isfinite(walks.displacement).all()
+        # In cycles of a second robots hardly walk; the file has nine decimals.
+        assert np.abs(walks.displacement - before[key]["walks"]).max() > 1e-8, key
 
 
 def test_robots_in_mujoco_are_none_of_the_samples() -> None:

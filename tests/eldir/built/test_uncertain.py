@@ -58,7 +58,7 @@ def test_every_parameter_changes_its_fields() -> None:
         }
         assert changed == set(parameter.powers), name
     for name, quantity in QUANTITIES.items():
-        by = quantity.slopes(tuple(PARAMETERS))
+        by = quantity.gradient(tuple(PARAMETERS))
         for j, other in enumerate(PARAMETERS):
             there, here = quantity.value(HUBS.at([other], [0.01])), quantity.value(HUBS)
             change = there - here if quantity.additive else np.log(there / here)

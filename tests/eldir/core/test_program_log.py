@@ -150,8 +150,8 @@ def test_a_stderr_that_takes_nothing_is_not_waited_for(stalled):
     assert writer.returncode == 0
     written = sum("eldir_hardware.relay: line " in line for line in lines)
     left_out = sum(int(line.split()[3]) for line in lines if line.startswith("eldir: left out "))
-    # A terminal may take a part of the last line that it takes.
-    assert 3000 - left_out - written in ((0, 1) if "terminal" in stalled.__name__ else (0,)) and left_out > 0
+    # A terminal makes room in pieces: each time it may take a part of the last line that it takes.
+    assert 0 <= 3000 - left_out - written <= (5 if "terminal" in stalled.__name__ else 0) and left_out > 0
     assert lines[-1].endswith("DEBUG   writer eldir_hardware.relay: the last line")
 
 

@@ -77,7 +77,8 @@ def test_two_standard_deviations_cover_the_truth_in_95_of_100_calibrations(
         covered.append((np.abs(found - truth) < 2 * lens.deviation)[:8])  # k3 may stay zero
         assert (lens.deviation[:2] < 3).all()  # half a percent: the interval still says something
     share = np.mean(covered, axis=0)
-    assert share.mean() > 0.94 and share.min() > 0.84  # 0.95 less three standard deviations of 40 draws
+    # 0.95 less three standard deviations of the share of so many samples.
+    assert share.mean() > 0.94 and share.min() > 0.95 - 3 * np.sqrt(0.95 * 0.05 / count)
 
 
 def test_corners_are_those_of_the_method_that_fits_best_and_the_others_widen_the_interval() -> None:

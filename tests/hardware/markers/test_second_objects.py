@@ -127,7 +127,7 @@ def test_a_disc_that_blends_with_ours_in_the_first_frame_is_told() -> None:
     off = np.linalg.norm(tracked.trajectory.positions[1:5] - found.truth[1:5], axis=-1)
     assert off[:, 2].max() > 1e-3, "otherwise the film shows nothing"
     assert off[:, [0, 1, 3, 4]].max() < 1e-3
-    (note,) = [note for note in tracked.quality.notes if "no whole disc" in note]
+    (note,) = [note for note in tracked.quality.notes if "does not look like a whole disc" in note]
     assert note.startswith("m3 ")
 
 

@@ -136,6 +136,7 @@ TESTS_OF_ALL_BOARDS = [
 ]
 
 
+@pytest.mark.realtime
 def test_the_tests_of_all_boards_run_on_it(installed: Path) -> None:
     """Those that docs/how-to/add-a-board.md names: with the board installed and nothing else done."""
     points = installed / "toy_board-1.0.dist-info" / "entry_points.txt"

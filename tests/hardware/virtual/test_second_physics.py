@@ -17,7 +17,7 @@ from eldir_cad.kit.specification import load_specification
 from eldir_cad.multibody.mjcf import mjcf_text
 from eldir_cad.multibody.model import Coil, Multibody, Numerics
 from eldir_hardware.virtual.bodies import EngineBody
-from eldir_hardware.virtual.mujoco_body import MujocoBody, MujocoMotion, OverlapCheck
+from eldir_hardware.virtual.mujoco_body import MujocoBody, MujocoMotion, OverlapCheck, sample_multibody
 from tests.calibration.dynamics.hidden_rigs import walker
 from tests.hardware.virtual.multibody_models import (
     BENDING,
@@ -33,7 +33,7 @@ from tests.hardware.virtual.multibody_models import (
 )
 from tests.raised import raises
 
-pytest.importorskip("mujoco")  # installed with the extra `test`
+mujoco = pytest.importorskip("mujoco")  # installed with the extra `test`
 BODY = walker().morphology
 NONE = np.zeros((2, 0))
 
@@ -94,7 +94,7 @@ def test_two_masses_swing_on_a_coil() -> None:
     motion.data.ctrl[:] = 0.05
     apart = []
     for _ in range(4000):
-        motion.engine.mj_step(motion.model, motion.data)
+        mujoco.mj_step(motion.model, motion.data)
         apart.append(motion.data.ten_length[0] - 0.05)
     crossings = np.flatnonzero(np.diff(np.sign(apart)) > 0)
     periods = len(crossings) - 1
@@ -162,7 +162,7 @@ def test_momentum_is_kept_without_contact() -> None:
     rest(motion, 0.5, FREE[1])
     speeds = motion.data.qvel.reshape(-1, 3)
     model, data = motion.model, motion.data
-    motion.engine.mj_subtreeVel(model, data)
+    mujoco.mj_subtreeVel(model, data)
     mass = model.body_mass[1:]
     moved = mass @ np.abs(speeds[:, :2])
     assert np.abs(mass @ data.subtree_linvel[1:])[[0, 2]] == pytest.approx(0, abs=1e-7 * (1 + moved.max()))
@@ -178,8 +178,8 @@ def test_energy_is_lost_and_never_gained() -> None:
     energies = []
     for _ in range(40):
         rest(motion, 0.05, 0.0496)
-        data, engine = motion.data, motion.engine
-        engine.mj_energyVel(motion.model, data)
+        data = motion.data
+        mujoco.mj_energyVel(motion.model, data)
         height = motion.model.body_mass[1:] @ data.xipos[1:, 2] * 9.81
         coils = 0.5 * model.coils[0].stiffness[0] * ((data.actuator_length - data.ctrl) ** 2).sum()
         energies.append((data.energy[1], data.energy[1] + height + coils))
@@ -291,7 +291,9 @@ def test_hubs_that_pass_through_strips_are_named() -> None:
 
 
 def test_the_seed_gives_the_robot_that_the_built_scene_has() -> None:
-    here = MujocoBody(BODY, 5, SpringParameters()).motion.multibody_model
+    here = sample_multibody(BODY, 5)
+    compiled = MujocoBody(BODY, 5, SpringParameters()).motion.model
+    assert compiled.body_mass[1:] == pytest.approx([h.inertia.mass for h in here.hubs], rel=1e-9)
     there = EngineBody(BODY, 5, SpringParameters())._robot
     passive = ~BODY.active
     longer = there.rest_lengths[passive] - there.parameters.pitch

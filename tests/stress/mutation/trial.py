@@ -1,7 +1,8 @@
 """Runs tests on a copy of the repository in which one module may be changed.
 
-The worker imports what is slow and never changed, then every run is a fork of it: `hardware` and the tests
-are imported there anew. A module is written into the copy, since processes that tests start import it too.
+The worker imports what is slow and never changed, then every run is a fork of it: `eldir_hardware` and the
+tests are imported there anew. A module is written into the copy, since processes that tests start import it
+too.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ _LEFT_OUT = (".git", ".venv", ".*_cache", ".hypothesis", "__pycache__", "*.egg-i
 _SLOW = (
     "numpy", "scipy.optimize", "yaml", "pydantic", "typer.testing", "serial", "jsonschema",
     "pymodbus.server", "hypothesis.strategies", "mcap.reader", "rosbags.typesys",
-    "eldir.built.heat", "eldir.built.gait_search", "eldir.design", "eldir_app.main", "eldir.built.drive",
+    "eldir.built.heat", "eldir.built.gait_search", "eldir.design", "eldir_app.main",
 )  # fmt: skip
 _ADOPT_ORPHANS = 36  # PR_SET_CHILD_SUBREAPER
 _PATIENCE = 5.0  # longer than its usual duration may a test take, and four times that [s]

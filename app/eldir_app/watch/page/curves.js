@@ -1,4 +1,4 @@
-// Temperatures with the ceiling, currents, contacts, schedule and events over one time axis.
+// Temperatures with their limit, currents, contacts, schedule and events over one time axis.
 
 const LEFT = 44, RIGHT = 8, TOP = 16, BAND = 16, GAP = 5, AXIS = 20;
 export const COLOURS = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8c6bb1", "#999933"];
@@ -74,9 +74,9 @@ export function draw(canvas, run, now, from, to) {
   }
 
   const hottest = Math.max(...run.temperatures.slice(-4000).map((r) => Math.max(...r.slice(1))), 0);
-  const ceiling = rig ? rig.max_temperature_c : null;
+  const maxTemperature = rig ? rig.max_temperature_c : null;
   const coldest = (rig ? rig.ambient_c : 20) - 4;
-  plot(run.temperatures, coldest, Math.max(ceiling || 60, hottest) + 4, TOP, split, "°C", ceiling);
+  plot(run.temperatures, coldest, Math.max(maxTemperature || 60, hottest) + 4, TOP, split, "°C", maxTemperature);
   if (measured) {
     const most = Math.max(...run.currents.slice(-4000).flatMap((r) => r.slice(1).map((a) => a || 0)), 1);
     plot(run.currents, 0, most * 1.1, split + 14, bottom, "A", null);
@@ -151,7 +151,7 @@ export function draw(canvas, run, now, from, to) {
       pen.lineWidth = 1.5;
       stroke(pen, [[LEFT, y(limit)], [width - RIGHT, y(limit)]]);
       pen.textAlign = "right";
-      pen.fillText(`ceiling ${limit} °C`, width - RIGHT - 4, y(limit) - 8);
+      pen.fillText(`limit ${limit} °C`, width - RIGHT - 4, y(limit) - 8);
       pen.fillText(limit, LEFT - 5, y(limit));
     }
     pen.save();

@@ -1,4 +1,4 @@
-// The socket, and everything that is told besides curves and picture.
+// The connection to the server, the buttons and all texts. Curves: curves.js. Picture: picture.js. Stop heating: stop.js.
 
 import { at, begins, colour, dashes, draw } from "/curves.js";
 import { drawPicture } from "/picture.js";
@@ -133,8 +133,8 @@ function numbers(now, schedule, end) {
   const stale = !run.replay && !run.ended && driven && age > STALE && performance.now() - fedAt > 1000 * STALE;
   $("name").textContent = rig ? `${rig.name}${rig.virtual ? " (virtual rig)" : ""}` : "eldir rig watch";
   const cycle = schedule ? cycleAt(schedule, now) : "–";
-  $("mode").textContent = !run.log ? "Nothing is driven now. This page shows the next run by itself."
-    : `${run.replay ? "Replay of" : run.ended ? "Ended:" : run.paused ? "Paused:" : driven ? "Running:" : "Not driven any more:"} ${run.log}`;
+  $("mode").textContent = !run.log ? "No schedule is played now. The page shows the next run when it starts."
+    : `${run.replay ? "Replay of" : run.ended ? "Ended:" : run.paused ? "Paused:" : driven ? "Running:" : "No longer driven:"} ${run.log}`;
   terms("run", [
     ["Time", now < 0 ? `begins in ${(-now).toFixed(1)} s` : `${now.toFixed(1)} s`],
     ["Cycle", cycle],
@@ -144,7 +144,7 @@ function numbers(now, schedule, end) {
     ["Camera", run.camera_rate === null || run.camera_rate === undefined ? "none" : `${run.camera_rate} pictures/s`],
   ]);
   const mood = (pair) => [pair ? pair[1] : "–", pair && pair[0] === false ? "bad" : pair && pair[0] ? "good" : ""];
-  if (run.replay) terms("rig", [["Log", run.log], ["Ceiling", rig ? `${rig.max_temperature_c} °C` : "–"]]);
+  if (run.replay) terms("rig", [["Log", run.log], ["Temperature limit", rig ? `${rig.max_temperature_c} °C` : "–"]]);
   else terms("rig", [
     ["Guardian", ...mood(state.guardian)],
     ["Program", ...mood(state.player)],
@@ -156,12 +156,12 @@ function numbers(now, schedule, end) {
   starting(driven);
   walked(schedule, now);
   alarm(lost && run.replay ? "Connection lost, reconnecting …"
-    : lost ? "Connection lost, reconnecting … Stop is tried all the same; if it does not answer, run eldir rig off or cut the supply."
+    : lost ? "Connection lost, reconnecting … Stop heating may still work. If it gives no answer, run eldir rig off or cut the heating supply."
     : run.trouble ? run.trouble
-    : stale ? `No new data for ${age.toFixed(0)} s: what you see is old. Stop works all the same.` : "");
+    : stale ? `No new data for ${age.toFixed(0)} s: the values on this page are old. Stop heating still works.` : "");
 }
 
-// What goes through the program that drives; the Stop does not.
+// Commands to the program that drives. Stop heating does not need that program.
 function orders(driven) {
   const hidden = !run.orders || !driven || run.ended;
   if (hidden && !$("orders").hidden) $("ordered").hidden = true;
@@ -189,7 +189,7 @@ function starting(driven) {
   $("start").hidden = !run.start || driven || Boolean(run.replay);
   $("start").textContent = sure ? "Press again to heat" : `Start ${run.start}`;
   $("start").className = sure ? "sure" : "";
-  if (run.failure && run.failure !== told) say(`It did not start: ${run.failure}`, "bad");
+  if (run.failure && run.failure !== told) say(`Not started: ${run.failure}`, "bad");
   told = run.failure || "";
 }
 let told = "";

@@ -2,7 +2,7 @@
 # Use of this source code is governed by an MIT-style license that can be found in the LICENSE file or at
 # https://opensource.org/licenses/MIT.
 
-"""What the toolkit logs below a node comes out of the node's own logger: on the screen and on /rosout."""
+"""Sends the log records of the toolkit through a node's logger: to the screen and to /rosout."""
 
 from __future__ import annotations
 

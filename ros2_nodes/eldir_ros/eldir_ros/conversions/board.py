@@ -33,9 +33,9 @@ class BoardState:
     springs: tuple[str, ...]
     temperatures: tuple[float, ...]
     """Modelled temperature of each spring [C]."""
-    hottest: float
+    peak_temperature: float
     """Highest modelled temperature so far [C]."""
-    latest: float
+    max_delay: float
     """Greatest delay of a switching so far [s]."""
     currents: tuple[float, ...] = ()
     """Measured current of each spring [A]; empty without a current sensor."""
@@ -68,8 +68,8 @@ def states_of(new_message: NewMessage, state: BoardState) -> Any:
         temperatures=list(state.temperatures),
         currents=list(state.currents),
         voltages=list(state.voltages),
-        hottest=state.hottest,
-        latest=state.latest,
+        peak_temperature=state.peak_temperature,
+        max_delay=state.max_delay,
     )
 
 
@@ -88,8 +88,8 @@ def state_from(message: Any) -> BoardState:
         tuple(bool(c) for c in message.closed),
         springs,
         tuple(float(t) for t in message.temperatures),
-        float(message.hottest),
-        float(message.latest),
+        float(message.peak_temperature),
+        float(message.max_delay),
         tuple(float(c) for c in message.currents),
         tuple(float(v) for v in message.voltages),
     )

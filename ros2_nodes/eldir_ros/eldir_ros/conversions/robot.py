@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from eldir.core.records import BoolArray, FloatArray, IntArray
-from eldir_cad.multibody.urdf import hub_name
+from eldir_cad.multibody.hubs import hub_name
 from eldir_ros.conversions import NewMessage, header_of
 from eldir_ros.conversions.frames import transform_of
 

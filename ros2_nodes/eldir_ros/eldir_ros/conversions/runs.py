@@ -22,6 +22,8 @@ FINISHED, CANCELLED, PREEMPTED, STOPPED, REFUSED = range(1, 6)
 """How a run can end, as in RunSchedule.action; 0 is an empty result."""
 RUNNING, RUN_FINISHED, RUN_ENDED = range(3)
 """States of a run, as in Run.msg."""
+KEEPALIVE, PULSES, ABORT, END_OF_RUN = range(4)
+"""Commands to the relay board, as in HeatCommand.msg."""
 MAX_LEAD, MAX_DELAY = 1.0, 0.5
 """Pulses are announced at most so long before, and after, they should begin [s]."""
 _MAX_BYTES = 1 << 20  # of a schedule; usual ones have some ten thousand
@@ -44,8 +46,8 @@ def schedule_from(text: str) -> ActuationSchedule:
         ) from None
 
 
-def goal_of(goal: Any) -> ActuationSchedule:
-    """The schedule of a eldir_msgs/RunSchedule goal, as text or as fields; raises `InputError`."""
+def schedule_from_goal(goal: Any) -> ActuationSchedule:
+    """The schedule of an eldir_msgs/RunSchedule goal, as text or as fields; raises `InputError`."""
     texts, plans = bool(goal.schedule), bool(goal.plan.events or goal.plan.period)
     if texts == plans:
         raise InputError(
@@ -57,7 +59,7 @@ def goal_of(goal: Any) -> ActuationSchedule:
 
 
 def plan_from(message: Any) -> ActuationSchedule:
-    """The schedule in a eldir_msgs/Schedule; raises `InputError` for an invalid one."""
+    """The schedule in an eldir_msgs/Schedule; raises `InputError` for an invalid one."""
     return ActuationSchedule(
         float(message.period),
         cycles=int(message.cycles),
@@ -119,7 +121,7 @@ def pulses_of(
     """eldir_msgs/HeatCommand: channels that close after `delay` [s], each for its seconds in `lengths`."""
     return new_message(
         "eldir_msgs/msg/HeatCommand",
-        command=1,
+        command=PULSES,
         run=run,
         sequence=sequence,
         delay=delay,
@@ -154,7 +156,7 @@ def ranges_of(
         "eldir_msgs/msg/RangeOfMotion",
         header=header_of(new_message, stamp),
         cycle=cycle,
-        marks=list(names),
+        markers=list(names),
         displacement=displacement,
         **{kind: [float(r) for r in values] for kind, values in ranges.items()},
     )

@@ -24,7 +24,7 @@ from eldir_ros.base.spinning import spin
 from eldir_ros.conversions import board, runs, time_of
 from eldir_ros.remote.heartbeats import CLIENT_TIMEOUT, Heartbeats
 from eldir_ros.remote.remote_bank import RemoteBank
-from eldir_ros.remote.schedule_run import RunProgress, RunRequest, RunResult, ScheduleRun
+from eldir_ros.remote.schedule_run import RunProgress, RunRequest, RunScheduleResult, ScheduleRun
 
 _MAX_GOALS = 2  # one that runs, and one that preempts it
 
@@ -126,7 +126,7 @@ class ActuationSequencerNode(RigNode):
                 rig = self._rig if self.state == "active" else None
                 link.springs = () if rig is None else board.spring_names(rig)
                 request = RunRequest(
-                    lambda: runs.goal_of(goal.request),
+                    lambda: runs.schedule_from_goal(goal.request),
                     goal.request.client,
                     get_value(self, "lead"),
                     get_value(self, "accept_mismatch"),
@@ -190,7 +190,7 @@ class _GoalLink:
             )
         )
 
-    def conclude(self, result: RunResult) -> Any:
+    def conclude(self, result: RunScheduleResult) -> Any:
         """End the goal; returns the action's result."""
         if result.outcome == runs.FINISHED:
             self._goal.succeed()
@@ -204,8 +204,8 @@ class _GoalLink:
             message=result.message,
             start=time_of(new_message, result.start_ns),
             duration=result.duration,
-            hottest=result.hottest,
-            latest=result.latest,
+            peak_temperature=result.peak_temperature,
+            max_delay=result.max_delay,
             edges=[runs.edge_of(new_message, edge) for edge in result.edges],
             all_off=result.all_off,
         )

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from eldir.errors import EldirError
 from eldir_hardware.camera.lens import Lens
 from eldir_hardware.images import jpeg
-from eldir_hardware.rig._addresses import is_camera
+from eldir_hardware.rig.addresses import is_camera
 from eldir_hardware.run.filming import RobotCamera
 from eldir_hardware.vision.recording_setup import load_recorded_lens
 from eldir_hardware.vision.sources import timed_pictures

@@ -17,7 +17,7 @@ from eldir.design import Design
 from eldir.parameters.printed import BuiltParameters
 from eldir_cad.geometry.assembly import assemble
 from eldir_cad.kit.specification import load_specification
-from eldir_cad.multibody.hubs import hub_shapes
+from eldir_cad.multibody.hubs import hub_name, hub_shapes
 from eldir_cad.multibody.urdf import urdf_text
 from eldir_hardware.vision.whole_body import estimate_body, estimate_hub_angles
 from eldir_ros.base.message_types import COMPLETE, LATCHED, RELIABLE, message_class, new_message
@@ -59,7 +59,7 @@ class RobotModelNode(RigNode):
         self._planes = (middle - springs, middle + springs)
         shapes = hub_shapes(assemble(design.morphology, spec))
         self._parts = Path(tempfile.mkdtemp(prefix="eldir-parts-"))
-        files = {hub: self._parts / f"hub_{hub:02d}.stl" for hub in shapes}
+        files = {hub: self._parts / f"{hub_name(hub)}.stl" for hub in shapes}
         for hub, file in files.items():
             write_bytes(file, shapes[hub])
         text = urdf_text("robot", {hub: file.as_uri() for hub, file in files.items()}, middle)

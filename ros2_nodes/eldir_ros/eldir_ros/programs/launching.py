@@ -24,8 +24,6 @@ from eldir.core.yaml_files import dump_yaml
 from eldir.errors import InputError
 from eldir_ros.base.spinning import LAUNCHER
 
-OBSERVERS = ("camera", "mass_tracker", "mcap_recorder", "range_of_motion")
-"""Nodes that do not heat, but that every run needs."""
 SHARED = (
     ("namespace", "", "Namespace of all nodes and their frames, such as left: several rigs on one graph."),
     ("use_sim_time", "false", "true: stamps follow the topic /clock; heat and its limits never do."),

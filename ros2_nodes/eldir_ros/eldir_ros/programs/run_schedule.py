@@ -53,7 +53,7 @@ def main() -> None:
         sys.exit(_INTERRUPTED)
     finally:
         rclpy.try_shutdown()
-    temperature = f"at most {result.hottest:.1f} C"
+    temperature = f"at most {result.peak_temperature:.1f} C"
     print(f"{result.message}; {result.duration:.1f} s, {temperature}, {len(result.edges)} edges", flush=True)
     sys.exit(0 if result.outcome == runs.FINISHED else 1)
 

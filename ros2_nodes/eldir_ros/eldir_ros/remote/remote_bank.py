@@ -18,6 +18,7 @@ from eldir_hardware.relay.errors import NotProvenOffError
 from eldir_hardware.safety.stop_signals import StoppedError
 from eldir_ros.conversions import runs
 from eldir_ros.conversions.board import BoardState
+from eldir_ros.conversions.runs import ABORT, END_OF_RUN, KEEPALIVE
 
 _BOARD_TIMEOUT = 1.2  # without a report for so long, the board node counts as dead [s]
 _KEEPALIVE_INTERVAL = 0.1  # [s]
@@ -42,10 +43,6 @@ class BoardLink(Protocol):
 
     def send_pulses(self, delay: float, lengths: Mapping[int, float], sequence: int) -> None:
         """Send pulses that begin after `delay` [s]; `lengths`: duration by channel [s]."""
-
-
-KEEPALIVE, PULSES, ABORT, END_OF_RUN = range(4)
-"""Commands, as in HeatCommand.msg."""
 
 
 class RemoteBank(HeaterBank):
@@ -77,7 +74,13 @@ class RemoteBank(HeaterBank):
         """Add a report that the board node published; call it when the message arrives."""
         t = time.monotonic() - max(state.age, 0.0)
         report = Report(
-            t, state.closed, state.temperatures, state.hottest, state.latest, state.currents, state.voltages
+            t,
+            state.closed,
+            state.temperatures,
+            state.peak_temperature,
+            state.max_delay,
+            state.currents,
+            state.voltages,
         )
         self._reports.put((state, report))
 

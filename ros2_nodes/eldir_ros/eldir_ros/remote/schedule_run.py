@@ -52,7 +52,7 @@ class RunProgress:
 
 
 @dataclass(frozen=True)
-class RunResult:
+class RunScheduleResult:
     """How a run ended."""
 
     outcome: int
@@ -63,9 +63,9 @@ class RunResult:
     """Start of the schedule [ns]; 0 if it was refused."""
     duration: float
     """Duration of the run [s]; 0 if it was refused."""
-    hottest: float
+    peak_temperature: float
     """Highest modelled temperature since the board was armed [C]."""
-    latest: float
+    max_delay: float
     """Greatest delay of a switching since then [s]."""
     edges: tuple[ContactEdge, ...]
     all_off: bool
@@ -97,7 +97,7 @@ class ScheduleRun:
         self._edges = ContactEdges()
         self._schedule: ActuationSchedule | None = None
 
-    def play(self, request: RunRequest, rig: Rig | None, stopped: str = "") -> RunResult:
+    def play(self, request: RunRequest, rig: Rig | None, stopped: str = "") -> RunScheduleResult:
         """Play a schedule. Never raises: the result says what went wrong, and everything is off.
 
         `rig` is None if the sequencer is not active; `stopped`: why an emergency stop is latched. Both refuse
@@ -144,13 +144,13 @@ class ScheduleRun:
             self._listener.on_state(state, start_ns, message, self._schedule)
         self._listener.on_message(message)
         last = self._bank.last
-        return RunResult(
+        return RunScheduleResult(
             outcome,
             message,
             start_ns,
             clock.now() - start_t if start_ns else 0.0,
-            0.0 if last is None else last.hottest,
-            0.0 if last is None else last.latest,
+            0.0 if last is None else last.peak_temperature,
+            0.0 if last is None else last.max_delay,
             tuple(self._edges.found),
             proven,
         )

@@ -135,7 +135,6 @@ def test_threads_and_interruptions_do_not_matter(whole: Path, tmp_path: Path) ->
     process.send_signal(signal.SIGINT)
     _, err = process.communicate()
     assert process.returncode == 130 and f"--resume {stopped}" in " ".join(err.split())
-    assert len(list(stopped.glob("archive-*.parquet"))) == 1, "stopped after the first generation"
     again = start("--resume", stopped, "--json", threads=3)
     told = json.loads(again.communicate()[0])
     assert again.returncode == 0 and told["state"] == "finished"

@@ -27,6 +27,7 @@ from eldir_cad.kit.specification import Specification
 
 _RANK_TOLERANCE = 1e-9  # of the largest singular value
 AT_REST = "at rest"
+"""Label of the pose in which no motor is heated."""
 _STEPS = 3  # poses from rest to each end of the stroke
 _COLD_STIFFNESS, _HOT_STIFFNESS = BuiltParameters.cold_stiffness, BuiltParameters.hot_stiffness
 _ANCHOR = 1.0  # stiffness against rigid motions [N/m]; a motor is fifty times stiffer
@@ -110,7 +111,7 @@ class Stroke:
     poses: FloatArray
     """Positions in each pose [mm], shape (P, M, 2)."""
     labels: tuple[str, ...]
-    """The hot motors of each pose, as a text."""
+    """Which motors are cold and which are hot in each pose, as text."""
 
 
 def simulate_stroke(morphology: Morphology, spec: Specification, law: StripLaw) -> Stroke:

@@ -12,10 +12,13 @@ _ADDRESS = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*://\S{1,2000}")
 _IN_TEXT = re.compile(r"\b([A-Za-z][A-Za-z0-9+.-]*://)(?!\.\.\.)\S+")
 _USER = re.compile(r"//[^/]*@")
 HIDDEN = "hidden"
+"""What a message shows instead of the secret part of an address."""
 MAX_ADDRESSES = 8
+"""Number of addresses for notifications that a rig file may have."""
 CAMERA_NAME = re.compile(
     r"camera:(?P<number>\d{1,3})|(?P<path>/dev/video\d+)|(?P<stream>(?i:https?|rtsp)://\S+)"
 )
+"""Names of cameras: camera:0, /dev/video0, or the address of a stream."""
 
 
 def validate_addresses(value: Any) -> Any:

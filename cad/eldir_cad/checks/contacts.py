@@ -13,7 +13,7 @@ import numpy as np
 
 from eldir.core.records import FloatArray, IntArray
 from eldir.morphology import Morphology
-from eldir_cad.checks._kinematics import AT_REST, Stroke
+from eldir_cad.checks.kinematics import AT_REST, Stroke
 from eldir_cad.kit.specification import Specification
 
 
@@ -25,7 +25,7 @@ class Contact:
     gap: float
     """Least distance between their surfaces [mm]; below 0 they overlap."""
     pose: str
-    """The first pose in which they come too near: "at rest", or the motors that are hot."""
+    """The first pose in which they are too close: "at rest", or which motors are hot, as `Stroke.labels`."""
 
 
 def find_contacts(motion: Stroke, morphology: Morphology, spec: Specification) -> list[Contact]:
