@@ -161,30 +161,25 @@ def pack(
 ) -> MotionInputs:
     """The inputs of the engine for one robot, with `steps` integration steps in an interval."""
     from eldir.engine.built.motion_batch import MotionInputs
-    from eldir.engine.built.motion_launch import RobotArrays, RobotNumbers
+    from eldir.engine.built.motion_launch import PrintedNumbers, RobotArrays, RobotNumbers
 
     p, dt = robot.parameters, interval / steps
+    numbers = RobotNumbers(
+        dt=dt,
+        steps=steps,
+        gravity_normal_dt=p.gravity * np.cos(p.tilt) * dt,
+        gravity_tangent_dt=-p.gravity * np.sin(p.tilt) * dt,
+        decay=np.exp(-p.drag * dt),
+        delay=robot.bending_delay,
+        slip_angle=STICKS,
+    )
     order = np.argsort(~robot.active, kind="stable")
     return MotionInputs(
         springs=robot.springs[order],
         direction=robot.directions[order],
         joints=robot.joints,
         values=RobotArrays(
-            numbers=np.array(
-                RobotNumbers(
-                    dt=dt,
-                    steps=steps,
-                    gravity_normal_dt=p.gravity * np.cos(p.tilt) * dt,
-                    gravity_tangent_dt=-p.gravity * np.sin(p.tilt) * dt,
-                    decay=np.exp(-p.drag * dt),
-                    delay=robot.bending_delay,
-                    socket=p.socket,
-                    corner=p.corner,
-                    socket_turn=p.socket_turn,
-                    socket_friction=p.socket_friction,
-                    slip_angle=STICKS,
-                )
-            ),
+            numbers=np.array([*numbers, *(getattr(p, name) for name in PrintedNumbers._fields)]),
             state=state,
             inverse_mass=1 / robot.masses,
             inverse_inertia=1 / robot.inertias,

@@ -189,7 +189,9 @@ def _pack(drive: DriveInputs, steps: int) -> MotionInputs:
     return pack(drive.robot, drive.lengths, drive.interval, steps, drive.free, state)
 
 
-def _tangent(drive: DriveInputs, parameter: Parameter, steps: int, tangent: FloatArray | float) -> RobotArrays:
+def _tangent(
+    drive: DriveInputs, parameter: Parameter, steps: int, tangent: FloatArray | float
+) -> RobotArrays:
     """Derivative of the engine's inputs: two central differences, extrapolated. `tangent` is the derivative of
     the state at the start, beside what the parameter changes in it."""
 

@@ -53,10 +53,10 @@ def hinges(group: ti.template(), now: ti.template(), s, a, b):
     ex, ey = group.direction[2 * s], group.direction[2 * s + 1]
     ax, ay = now.cosine[a] * ex - now.sine[a] * ey, now.sine[a] * ex + now.cosine[a] * ey
     bx, by = now.cosine[b] * ex - now.sine[b] * ey, now.sine[b] * ex + now.cosine[b] * ey
-    dx = now.x[a] - now.x[b] - now.numbers.socket * (ax + bx)
-    dy = now.y[a] - now.y[b] - now.numbers.socket * (ay + by)
-    ux = now.vx[a] - now.vx[b] + now.numbers.socket * (now.spin[a] * ay + now.spin[b] * by)
-    uy = now.vy[a] - now.vy[b] - now.numbers.socket * (now.spin[a] * ax + now.spin[b] * bx)
+    dx = now.x[a] - now.x[b] - now.parameters.socket * (ax + bx)
+    dy = now.y[a] - now.y[b] - now.parameters.socket * (ay + by)
+    ux = now.vx[a] - now.vx[b] + now.parameters.socket * (now.spin[a] * ay + now.spin[b] * by)
+    uy = now.vy[a] - now.vy[b] - now.parameters.socket * (now.spin[a] * ax + now.spin[b] * bx)
     length = sqrt(dx * dx + dy * dy) + 1e-12  # never divides by 0
     per_length = 1.0 / length
     nx, ny = dx * per_length, dy * per_length
@@ -81,7 +81,7 @@ def socket_friction(group: ti.template(), now: ti.template(), at, rotation, dela
     now.bristle[at] = rotation - strain
     return (
         group.dt
-        * now.numbers.socket_friction
+        * now.parameters.socket_friction
         / now.numbers.slip_angle
         * clamp(delayed_rotation - now.bristle[at], now.numbers.slip_angle)
     )
@@ -97,11 +97,11 @@ def hub_impulses(group: ti.template(), now: ti.template(), first, part):
         force = variable(now.damping[s] * h.rate)
         ma, mb = zero_like(h.rate), zero_like(h.rate)
         if k < group.active:  # a shape-memory spring: Hooke's law, its ends turn freely
-            free = interpolate(now.free_length, first + k, group.active, part) - 2.0 * now.numbers.socket
+            free = interpolate(now.free_length, first + k, group.active, part) - 2.0 * now.parameters.socket
             stiff = interpolate(now.spring_rate, first + k, group.active, part)
             force += stiff * (h.length - free)
         else:
-            rest = now.rest_length[s] - 2.0 * now.numbers.socket
+            rest = now.rest_length[s] - 2.0 * now.parameters.socket
             force += strip_tension(h.length, rest, now.stiffness[s], now.buckling[s])
             ma, mb = strip_moments(group, now, s, a, b, h)
         couple = (ma + mb) * h.per_length
@@ -111,8 +111,8 @@ def hub_impulses(group: ti.template(), now: ti.template(), first, part):
         now.impulse_y[a] = now.impulse_y[a] - fy
         now.impulse_x[b] = now.impulse_x[b] + fx
         now.impulse_y[b] = now.impulse_y[b] + fy
-        now.moment[a] = now.moment[a] + (now.numbers.socket * (h.ax * fy - h.ay * fx) - ma)
-        now.moment[b] = now.moment[b] + (now.numbers.socket * (h.bx * fy - h.by * fx) - mb)
+        now.moment[a] = now.moment[a] + (now.parameters.socket * (h.ax * fy - h.ay * fx) - ma)
+        now.moment[b] = now.moment[b] + (now.parameters.socket * (h.bx * fy - h.by * fx) - mb)
 
 
 @ti.func
@@ -125,8 +125,11 @@ def strip_moments(group: ti.template(), now: ti.template(), s, a, b, h: ti.templ
     )
     da = pa + now.numbers.delay * (now.spin[a] - h.turning)
     db = pb + now.numbers.delay * (now.spin[b] - h.turning)
-    ea, eb = da - clamp(da, now.numbers.socket_turn), db - clamp(db, now.numbers.socket_turn)
-    qa, qb = bending_angle(da, eb, now.numbers.socket_turn), bending_angle(db, ea, now.numbers.socket_turn)
+    ea, eb = da - clamp(da, now.parameters.socket_turn), db - clamp(db, now.parameters.socket_turn)
+    qa, qb = (
+        bending_angle(da, eb, now.parameters.socket_turn),
+        bending_angle(db, ea, now.parameters.socket_turn),
+    )
     ma, mb = end_moments(group.dt * now.bending[s], qa, qb)
     fa, fb = socket_friction(group, now, 2 * s, pa, da), socket_friction(group, now, 2 * s + 1, pb, db)
     return ma + fa, mb + fb
@@ -151,8 +154,8 @@ def move_hubs(group: ti.template(), now: ti.template(), going):
         uy = now.numbers.decay * before_y + now.impulse_y[i] * w + now.numbers.gravity_normal_dt
         turning = now.numbers.decay * before + now.moment[i] * wi
         c, s = lowest_corner(now.cosine[i], now.sine[i])
-        rx, ry = now.numbers.corner * s, negative(now.numbers.corner * c)
-        height = now.y[i] + now.numbers.corner * (1.0 - c)
+        rx, ry = now.parameters.corner * s, negative(now.parameters.corner * c)
+        height = now.y[i] + now.parameters.corner * (1.0 - c)
         tangential, normal = ux - turning * ry, uy + turning * rx
         p, q = corner_contact(group, height, tangential, normal, rx, ry, w, wi, now.friction[i])
         vx, vy, spin = ux + w * p, uy + w * q, turning + wi * (rx * q - ry * p)

@@ -53,7 +53,7 @@ class MotionInputs:
     @property
     def steps(self) -> int:
         """Number of steps in an interval."""
-        return int(RobotNumbers(*self.values.numbers).steps)
+        return int(self.values.numbers[RobotNumbers._fields.index("steps")])
 
 
 class MotionResult(NamedTuple):

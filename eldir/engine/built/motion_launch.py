@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections import namedtuple
+from dataclasses import fields
 from typing import Any, NamedTuple
 
 from eldir.engine.compiler import ti
 from eldir.engine.kernels.memory import OffsetView, load, local, reread
 from eldir.engine.runtime import Count, Eights, Integers, Values
-from eldir.parameters.printed import Joints
+from eldir.parameters.printed import BuiltParameters, Joints
 
 LANES = 8
 """Robots of a group, side by side in the lanes of a vector."""
@@ -19,7 +21,8 @@ RECORDED: dict[Joints, int] = {"pins": 2, "clamped": 2, "hubs": 4}
 
 
 class RobotNumbers(NamedTuple):
-    """Numbers that a robot has once; in the kernel, vectors of a group's robots, or dual numbers of these."""
+    """Numbers that follow from a robot's parameters; in the kernel, vectors of a group's robots, or dual
+    numbers of these."""
 
     dt: Any
     """Time step [s]."""
@@ -33,16 +36,12 @@ class RobotNumbers(NamedTuple):
     """Factor on velocities in one step."""
     delay: Any
     """Bending delay [s]."""
-    socket: Any
-    """Distance from a hub's centre to its hinges [m]."""
-    corner: Any
-    """Distance from a hub's centre to its corners [m]."""
-    socket_turn: Any
-    """Angle by which a strip turns freely in its sockets, to either side [rad]."""
-    socket_friction: Any
-    """Moment at which a strip begins to turn in a socket [N m]."""
     slip_angle: Any
-    """Angle by which it turns before that [rad]."""
+    """Angle by which a strip turns in a socket before its friction gives way [rad]."""
+
+
+PrintedNumbers = namedtuple("PrintedNumbers", [field.name for field in fields(BuiltParameters)])
+"""The parameters of a robot, by their names in `BuiltParameters`; in the kernel as above."""
 
 
 class MotionKind(NamedTuple):
@@ -57,7 +56,7 @@ class RobotArrays(NamedTuple):
     """What a robot is moved by. In a launch these are the arrays of all robots, one group after the other."""
 
     numbers: Eights
-    """`RobotNumbers`, in this order."""
+    """`RobotNumbers`, then `PrintedNumbers`."""
     state: Eights
     """x, y, vx, vy [m, m/s]; unless strips are pinned, cosine, sine and spin [rad/s]; shape (4 or 7, M)."""
     inverse_mass: Eights
@@ -176,6 +175,8 @@ class GroupArrays(NamedTuple):
     """One group's values, or their tangents. Views are indexed by mass, arrays by spring."""
 
     numbers: RobotNumbers
+    parameters: Any
+    """`PrintedNumbers`."""
     x: OffsetView
     y: OffsetView
     vx: OffsetView
@@ -209,7 +210,7 @@ class GroupArrays(NamedTuple):
 def group_sizes(kind: MotionKind, launch: MotionLaunch, g: Any, worker: Any) -> GroupSizes:
     """Group `g` of a launch."""
     masses, springs, active = (load(n, g) for n in (launch.masses, launch.springs, launch.active))
-    numbers = robot_numbers(launch.values, g)
+    numbers, _ = robot_numbers(launch.values, g)
     mass_at, spring_at, record_at = (
         reread(at, g) for at in (launch.mass_at, launch.spring_at, launch.record_at)
     )
@@ -221,10 +222,12 @@ def group_sizes(kind: MotionKind, launch: MotionLaunch, g: Any, worker: Any) -> 
     )  # fmt: skip
 
 
-def robot_numbers(arrays: LaneArrays, g: Any) -> RobotNumbers:
-    """The numbers of group `g`."""
-    count = len(RobotNumbers._fields)
-    return RobotNumbers(*(load(arrays.robots.numbers, count * g + k) for k in range(count)))
+def robot_numbers(arrays: LaneArrays, g: Any) -> tuple[RobotNumbers, Any]:
+    """The numbers and the parameters of group `g`."""
+    first = len(RobotNumbers._fields)
+    count = first + len(PrintedNumbers._fields)
+    numbers = [load(arrays.robots.numbers, count * g + k) for k in range(count)]
+    return RobotNumbers(*numbers[:first]), PrintedNumbers(*numbers[first:])
 
 
 def group_arrays(arrays: LaneArrays, group: GroupSizes, g: Any) -> GroupArrays:
@@ -237,7 +240,7 @@ def group_arrays(arrays: LaneArrays, group: GroupSizes, g: Any) -> GroupArrays:
         OffsetView(arrays.impulse, local(group.impulse_at + k * group.masses)) for k in range(3)
     )
     return GroupArrays(
-        robot_numbers(arrays, g),
+        *robot_numbers(arrays, g),
         x, y, vx, vy, cosine, sine, spin, x,
         impulse_x, impulse_y, moment, impulse_x,
         OffsetView(arrays.record, group.record_at),
