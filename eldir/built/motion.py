@@ -161,7 +161,7 @@ def pack(
 ) -> MotionInputs:
     """The inputs of the engine for one robot, with `steps` integration steps in an interval."""
     from eldir.engine.built.motion_batch import MotionInputs
-    from eldir.engine.built.motion_launch import PrintedNumbers, RobotArrays, RobotNumbers
+    from eldir.engine.built.motion_launch import PARAMETERS, RobotArrays, RobotNumbers
 
     p, dt = robot.parameters, interval / steps
     numbers = RobotNumbers(
@@ -179,7 +179,7 @@ def pack(
         direction=robot.directions[order],
         joints=robot.joints,
         values=RobotArrays(
-            numbers=np.array([*numbers, *(getattr(p, name) for name in PrintedNumbers._fields)]),
+            numbers=np.array([*numbers, *(getattr(p, name) for name in PARAMETERS)]),
             state=state,
             inverse_mass=1 / robot.masses,
             inverse_inertia=1 / robot.inertias,

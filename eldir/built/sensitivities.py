@@ -128,8 +128,8 @@ def sensitivities(
     """Drive robots as `eldir.built.motion.drive` does, and differentiate their motion.
 
     `parameters[r]` are those of robot r: names of `MOTION_PARAMETERS`, or your own. `every` and `step` are
-    those of `drive`. To continue an earlier call, pass its `state` in the inputs, and its `state_tangents`: the
-    derivatives of the state at the start, shape (P, 4 or 7, M) for each robot. Eight parameters run side by
+    those of `drive`. To continue an earlier call, pass its `state` in the inputs, and its `state_tangents`:
+    the derivatives of the state at the start, shape (P, 4 or 7, M) for each robot. Eight parameters run side by
     side in one core, in about twice the time of the motion alone. Raises `InputError` for an unknown name, a
     parameter that does not exist with the robot's joints, a robot without parameters, arrays of the wrong
     shape, and an interval, a step or an `every` that is not positive; `EldirError` for a step that is not
@@ -143,8 +143,8 @@ def sensitivities(
         steps = substeps(drive.robot, drive.interval, step)
         members += [_pack(drive, steps)] * len(mine)
         for p, parameter in enumerate(mine):
-            tangent = 0.0 if state_tangents is None else np.asarray(state_tangents[r])[p]
-            tangents.append(_tangent(drive, _parameter(drive, parameter), steps, tangent))
+            d_state = 0.0 if state_tangents is None else np.asarray(state_tangents[r])[p]
+            tangents.append(_tangent(drive, _parameter(drive, parameter), steps, d_state))
     if not drives:
         return []
     outcomes = iter(motion_batch.run_motions(members, every, tangents))
@@ -190,24 +190,24 @@ def _pack(drive: DriveInputs, steps: int) -> MotionInputs:
 
 
 def _tangent(
-    drive: DriveInputs, parameter: Parameter, steps: int, tangent: FloatArray | float
+    drive: DriveInputs, parameter: Parameter, steps: int, d_state: FloatArray | float
 ) -> RobotArrays:
-    """Derivative of the engine's inputs: two central differences, extrapolated. `tangent` is the derivative of
-    the state at the start, beside what the parameter changes in it."""
+    """Derivative of the engine's inputs: two central differences, extrapolated. `d_state` is the derivative
+    of the state at the start, beside what the parameter changes in it."""
 
     from eldir.engine.built.motion_launch import RobotArrays
 
     def at(h: float) -> RobotArrays:
         changed = parameter.change(drive, h)
         state = rest_state(changed.robot) if changed.state is None else changed.state
-        values = _pack(replace(changed, state=state + h * tangent), steps).values
-        return values._replace(state=state)  # without the tangent, which needs no difference
+        values = _pack(replace(changed, state=state + h * d_state), steps).values
+        return values._replace(state=state)  # without `d_state`, which needs no difference
 
     h = _STEP * parameter.scale
     sides = [[np.asarray(values) for values in at(part * h)] for part in (1.0, -1.0, 0.5, -0.5)]
     tangents = ((8 * (c - d) - (a - b)) / (6 * h) for a, b, c, d in zip(*sides, strict=True))
     found = RobotArrays(*tangents)
-    return found._replace(state=found.state + tangent)
+    return found._replace(state=found.state + d_state)
 
 
 def _parameter(drive: DriveInputs, parameter: str | Parameter) -> Parameter:

@@ -125,11 +125,9 @@ def strip_moments(group: ti.template(), now: ti.template(), s, a, b, h: ti.templ
     )
     da = pa + now.numbers.delay * (now.spin[a] - h.turning)
     db = pb + now.numbers.delay * (now.spin[b] - h.turning)
-    ea, eb = da - clamp(da, now.parameters.socket_turn), db - clamp(db, now.parameters.socket_turn)
-    qa, qb = (
-        bending_angle(da, eb, now.parameters.socket_turn),
-        bending_angle(db, ea, now.parameters.socket_turn),
-    )
+    play = now.parameters.socket_turn
+    ea, eb = da - clamp(da, play), db - clamp(db, play)
+    qa, qb = bending_angle(da, eb, play), bending_angle(db, ea, play)
     ma, mb = end_moments(group.dt * now.bending[s], qa, qb)
     fa, fb = socket_friction(group, now, 2 * s, pa, da), socket_friction(group, now, 2 * s + 1, pb, db)
     return ma + fa, mb + fb
@@ -157,7 +155,9 @@ def move_hubs(group: ti.template(), now: ti.template(), going):
         rx, ry = now.parameters.corner * s, negative(now.parameters.corner * c)
         height = now.y[i] + now.parameters.corner * (1.0 - c)
         tangential, normal = ux - turning * ry, uy + turning * rx
-        p, q = corner_contact(group, height, tangential, normal, rx, ry, w, wi, now.friction[i])
+        forward = now.friction[i]
+        backward = forward * now.parameters.backward_friction
+        p, q = corner_contact(group, height, tangential, normal, rx, ry, w, wi, forward, backward)
         vx, vy, spin = ux + w * p, uy + w * q, turning + wi * (rx * q - ry * p)
         now.x[i] = now.x[i] + select(going, group.dt * vx, ZERO)
         now.y[i] = now.y[i] + select(going, group.dt * vy, ZERO)
@@ -170,17 +170,18 @@ def move_hubs(group: ti.template(), now: ti.template(), going):
 
 
 @ti.func
-def corner_contact(group: ti.template(), height, tangential, normal, rx, ry, w, wi, friction):
+def corner_contact(group: ti.template(), height, tangential, normal, rx, ry, w, wi, forward, backward):
     """Impulses (along the table, up) on a corner at (rx, ry) from its hub's centre, `height` above the table,
     with these speeds: they end its fall within the step and stop it, or slow it as far as Coulomb friction
-    does. w and wi are the hub's inverse mass and moment of inertia."""
+    does, with its coefficients for sliding forward and backward. w and wi are the hub's inverse mass and
+    moment of inertia."""
     needed = negative(height / group.dt) - normal
     a, b, c = w + wi * ry * ry, negative(wi * rx * ry), w + wi * rx * rx
     per_determinant = 1.0 / (a * c - b * b)
     stick = negative((c * tangential + b * needed) * per_determinant)
     push = (a * needed + b * tangential) * per_determinant
-    coefficient = select(stick < ZERO, negative(friction), friction)
-    slips = maximum(stick, negative(stick)) > friction * push
+    coefficient = select(stick < ZERO, negative(forward), backward)
+    slips = maximum(stick, negative(stick)) > select(stick < ZERO, forward, backward) * push
     pushed = select(slips, needed / (c + b * coefficient), push)
     held = select(slips, coefficient * pushed, stick)
     return select(needed > ZERO, held, ZERO), select(needed > ZERO, pushed, ZERO)

@@ -10,12 +10,12 @@ from eldir.engine.compiler import ti
 
 
 @ti.func
-def coulomb_contact(height, tangential, normal, friction, dt):
+def coulomb_contact(height, tangential, normal, forward, backward, dt):
     """Speeds of a mass along the table and upwards after the table's impulse: it ends the fall within the
-    step, and changes the tangential speed by at most `friction` times that."""
+    step, and slows the mass by at most its coefficient times that, `forward` or `backward` as it slides."""
     normal_impulse = maximum(negative(height / dt) - normal, ZERO)
-    max_friction = friction * normal_impulse
-    friction_impulse = maximum(minimum(tangential, max_friction), negative(max_friction))
+    limited = minimum(tangential, forward * normal_impulse)
+    friction_impulse = maximum(limited, negative(backward * normal_impulse))
     return tangential - friction_impulse, normal + normal_impulse
 
 
@@ -26,7 +26,9 @@ def move_masses(group: ti.template(), now: ti.template(), going):
         w, before_x, before_y = now.inverse_mass[i], now.vx[i], now.vy[i]
         wx = now.numbers.decay * before_x + now.impulse_x[i] * w + now.numbers.gravity_tangent_dt
         wy = now.numbers.decay * before_y + now.impulse_y[i] * w + now.numbers.gravity_normal_dt
-        vx, vy = coulomb_contact(now.y[i], wx, wy, now.friction[i], group.dt)
+        forward = now.friction[i]
+        backward = forward * now.parameters.backward_friction
+        vx, vy = coulomb_contact(now.y[i], wx, wy, forward, backward, group.dt)
         now.x[i] = now.x[i] + select(going, group.dt * vx, ZERO)
         now.y[i] = now.y[i] + select(going, group.dt * vy, ZERO)
         now.vx[i] = select(going, vx, before_x)

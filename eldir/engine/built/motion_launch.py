@@ -40,7 +40,8 @@ class RobotNumbers(NamedTuple):
     """Angle by which a strip turns in a socket before its friction gives way [rad]."""
 
 
-PrintedNumbers = namedtuple("PrintedNumbers", [field.name for field in fields(BuiltParameters)])
+PARAMETERS = tuple(field.name for field in fields(BuiltParameters))
+PrintedNumbers: Any = namedtuple("PrintedNumbers", PARAMETERS)  # type: ignore[misc]
 """The parameters of a robot, by their names in `BuiltParameters`; in the kernel as above."""
 
 

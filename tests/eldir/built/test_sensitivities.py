@@ -169,7 +169,7 @@ def test_a_lag_shifts_the_course_of_all_motors() -> None:
 
 
 def test_two_masses_on_a_strip_follow_the_closed_form() -> None:
-    """x(t) = d cos(w t) / 2 about the middle: its derivative in the stiffness of the strip is -d t sin(w t) w / 4 k."""
+    """x(t) = d cos(w t) / 2 about the middle: its derivative in the stiffness is -d t sin(w t) w / 4 k."""
     robot = strip((0, 1), (0.05, 1), (2e-3, 3e-3), FREE_FALL)
     state, stretch, interval = rest_state(robot), 1e-4, 1e-3
     state[0] += [-stretch * 0.6, stretch * 0.4]
