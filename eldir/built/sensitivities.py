@@ -29,7 +29,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -129,9 +129,9 @@ def sensitivities(
 
     `parameters[r]` are those of robot r: names of `MOTION_PARAMETERS`, or your own. `every` and `step` are
     those of `drive`. To continue an earlier call, pass its `state` in the inputs, and its `state_tangents`:
-    the derivatives of the state at the start, shape (P, 4 or 7, M) for each robot. Eight parameters run side by
-    side in one core, in about twice the time of the motion alone. Raises `InputError` for an unknown name, a
-    parameter that does not exist with the robot's joints, a robot without parameters, arrays of the wrong
+    the derivatives of the state at the start, shape (P, 4 or 7, M) for each robot. Eight parameters run side
+    by side in one core, in about twice the time of the motion alone. Raises `InputError` for an unknown name,
+    a parameter that does not exist with the robot's joints, a robot without parameters, arrays of the wrong
     shape, and an interval, a step or an `every` that is not positive; `EldirError` for a step that is not
     stable.
     """
@@ -247,6 +247,6 @@ _OTHERS = {
     "lag": Parameter(_late),
     "ballast": Parameter(lambda d, h: replace(d, robot=d.robot.with_ballast(h)), BuiltParameters().hexagon),
 }
-MOTION_PARAMETERS = (*(n for n in BuiltParameters().to_json() if n not in ("format", "geometry")), *_OTHERS)
+MOTION_PARAMETERS = (*(f.name for f in fields(BuiltParameters) if f.name != "geometry"), *_OTHERS)
 """Names of parameters: the fields of `BuiltParameters`; cold and hot free length [m], with the same heating;
 a lag of all motors [s]; ballast on the foremost mass [kg]."""

@@ -37,7 +37,7 @@ class BuiltParameters(Record):
     """Tilt of the table: it falls forward by this angle [rad]."""
     friction: NonNegativeFloat = 0.5
     """Coulomb coefficient between a mass and the table."""
-    backward_friction: NonNegativeFloat = 1.0
+    backward_friction: Annotated[NonNegativeFloat, Field(exclude_if=lambda value: value == 1.0)] = 1.0
     """Friction of a mass that slides backward, as a multiple of `friction`: more than 1 with feet of slanted
     bristles or teeth."""
     drag: NonNegativeFloat = 1.0

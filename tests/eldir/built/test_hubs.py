@@ -209,7 +209,10 @@ def test_a_hub_comes_to_rest_on_two_corners() -> None:
     [(2, 1e-4, 0.0), pytest.param(3, 1e-3, 0.0, marks=pytest.mark.stress), (4, 1e-3, 0.1)],
 )
 def test_twin_moves_the_same(seed: int, friction: float, tilt: float) -> None:
-    robot = build(bodies(1, seed)[0], replace(HUBS, socket_friction=friction, socket_turn=0.03, tilt=tilt))
+    robot = build(
+        bodies(1, seed)[0],
+        replace(HUBS, socket_friction=friction, socket_turn=0.03, tilt=tilt, backward_friction=1 + 10 * tilt),
+    )
     interval, instants = 0.003, 4
     step = 0.9 * stable_step(robot)
     lengths = COLD + (HOT - COLD) * np.random.default_rng(seed).random((instants, int(robot.active.sum())))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ from tests.eldir.built.braced_robots import COLD, FREE_FALL, HOT, bodies, strip,
 from tests.raised import raises
 
 INTERVAL = 0.005
-OF_BUILD = set(BuiltParameters().to_json()) & set(MOTION_PARAMETERS)
+OF_BUILD = {field.name for field in fields(BuiltParameters)}
 FREE = {"cold_length": 0, "hot_length": 1}
 OF_HUBS = {"socket", "corner", "socket_turn", "socket_friction"}
 # The lag has a test of its own. Pinned strips buckle here and others bend; pinned masses do not turn.
@@ -80,7 +80,7 @@ def differences(base: DriveInputs, seed: int, name: str, step: float) -> tuple[n
 def test_tangents_are_those_of_the_motion(joints: str) -> None:
     """With motors that stretch and pull, strips that buckle, bend or stick in sockets, and feet that slip."""
     seed = 7
-    base = drives(replace(KINDS[joints], tilt=0.02), seed)
+    base = drives(replace(KINDS[joints], tilt=0.02, backward_friction=1.2), seed)
     step = 0.8 * stable_step(base.robot)
     names = [n for n in MOTION_PARAMETERS if n not in NO_EFFECT[joints]]
     (found,) = sensitivities([base], [names], step=step)
@@ -93,9 +93,9 @@ def test_tangents_are_those_of_the_motion(joints: str) -> None:
     for name, tangent in zip(names, found.tangents, strict=True):
         expected, error_ = differences(base, seed, name, step)
         errors[name] = (float(np.abs(tangent - expected).max() / np.abs(expected).max()), error_)
-    worst = [max(column) for column in zip(*errors.values(), strict=True)]
-    assert max(worst) < 2e-6, errors  # the differences are rounded
-    assert np.median([error for error, _ in errors.values()]) < 1e-7
+    assert all(error < max(1e-6, 10 * own) for error, own in errors.values()), errors
+    assert max(own for _, own in errors.values()) < 2e-6, errors  # the differences are rounded
+    assert np.median([error for error, _ in errors.values()]) < 2e-7
 
 
 def test_what_the_motion_begins_with_and_single_springs() -> None:
