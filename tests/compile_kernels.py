@@ -14,8 +14,7 @@ import numpy as np
 
 from eldir.built.motion import drive
 from eldir.built.robot import build
-from eldir.built.sensitivities import sensitivities
-from eldir.built.tangents import TANGENTS, DriveInputs
+from eldir.built.sensitivities import DriveInputs, sensitivities
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
 from eldir.rollout import loss_and_gradient
@@ -42,7 +41,7 @@ def printed(parameters: BuiltParameters, sloped: bool) -> None:
     robot = build(braced(), RobotParameters(parameters))
     lengths = np.full((2, 1), COLD)
     if sloped:
-        sensitivities([DriveInputs(robot, lengths, 1e-3)], [[next(iter(TANGENTS))]])
+        sensitivities([DriveInputs(robot, lengths, 1e-3)], [["friction"]])
     else:
         drive([robot], [lengths], 1e-3)
 
@@ -61,6 +60,7 @@ KERNELS = [
     (learning, "f32", "friction", "paper"),
     (learning, "f32", "no-slip", "second-order"),
     (printed, PINS, True),
+    (printed, PINS.with_hubs(), True),
     (printed, PINS.with_hubs(), False),
     (printed, PINS, False),
     (printed, BuiltParameters.clamped(), True),

@@ -78,8 +78,8 @@ def drive(
     ranges = free_ranges(free, len(robots))
     robots = [_scale_masses(robot, mass_scaling) for robot in robots]
     members = [
-        make_member(robot, np.asarray(table, np.float64), interval, step, (cold, hot), state)
-        for robot, table, (cold, hot), state in zip(
+        pack(robot, np.asarray(table, np.float64), interval, substeps(robot, interval, step), ends, state)
+        for robot, table, ends, state in zip(
             robots, lengths, ranges, states if states is not None else map(rest_state, robots), strict=True
         )
     ]
@@ -151,40 +151,48 @@ def free_ranges(
     return [(float(cold), float(hot)) for cold, hot in np.broadcast_to(given, (robots, 2))]
 
 
-def make_member(
+def pack(
     robot: PrintedRobot,
     lengths: FloatArray,
     interval: float,
-    step: float | None,
+    steps: int,
     free: tuple[float, float],
     state: FloatArray,
 ) -> MotionInputs:
-    """The inputs of the engine for one robot."""
+    """The inputs of the engine for one robot, with `steps` integration steps in an interval."""
     from eldir.engine.built.motion_batch import MotionInputs
+    from eldir.engine.built.motion_launch import PARAMETERS, RobotArrays, RobotNumbers
 
-    p = robot.parameters
-    across, along = p.gravity * np.cos(p.tilt), -p.gravity * np.sin(p.tilt)
+    p, dt = robot.parameters, interval / steps
+    numbers = RobotNumbers(
+        dt=dt,
+        steps=steps,
+        gravity_normal_dt=p.gravity * np.cos(p.tilt) * dt,
+        gravity_tangent_dt=-p.gravity * np.sin(p.tilt) * dt,
+        decay=np.exp(-p.drag * dt),
+        delay=robot.bending_delay,
+        slip_angle=STICKS,
+    )
     order = np.argsort(~robot.active, kind="stable")
-    substeps = _substeps(robot, interval, step)
-    dt = interval / substeps
-    finite = np.where(np.isinf(robot.buckling), 1e30, robot.buckling)
-    strips = np.stack([robot.rest_lengths, robot.stiffness, finite, robot.damping, robot.bending])
     return MotionInputs(
         springs=robot.springs[order],
         direction=robot.directions[order],
-        strips=strips[:, order],
-        inverse_masses=np.stack([1 / robot.masses, 1 / robot.inertias, robot.friction]),
-        properties=np.array(
-            [
-                *(dt, across * dt, np.exp(-p.drag * dt), substeps, robot.bending_delay),
-                *(p.socket, p.corner, p.socket_turn, p.socket_friction, STICKS, along * dt),
-            ]
-        ),
-        lengths=lengths,
-        stiffnesses=stiffnesses(p, lengths, free),
-        state=state,
         joints=robot.joints,
-        bristles=_bristle_angles(robot, state)[order] if robot.joints == "hubs" else np.zeros((0, 2)),
+        values=RobotArrays(
+            numbers=np.array([*numbers, *(getattr(p, name) for name in PARAMETERS)]),
+            state=state,
+            inverse_mass=1 / robot.masses,
+            inverse_inertia=1 / robot.inertias,
+            friction=robot.friction,
+            rest_length=robot.rest_lengths[order],
+            stiffness=robot.stiffness[order],
+            buckling=np.where(np.isinf(robot.buckling), 1e30, robot.buckling)[order],
+            damping=robot.damping[order],
+            bending=robot.bending[order],
+            bristle=_bristle_angles(robot, state)[order] if robot.joints == "hubs" else np.zeros((0, 2)),
+            free_length=lengths,
+            spring_rate=stiffnesses(p, lengths, free),
+        ),
     )
 
 
@@ -205,7 +213,8 @@ def stiffnesses(p: BuiltParameters, lengths: FloatArray, free: tuple[float, floa
     return p.cold_stiffness + (p.hot_stiffness - p.cold_stiffness) * heated
 
 
-def _substeps(robot: PrintedRobot, interval: float, step: float | None) -> int:
+def substeps(robot: PrintedRobot, interval: float, step: float | None) -> int:
+    """Integration steps in an interval. Raises `EldirError` for a `step` [s] that is not stable."""
     if step is None:
         return int(np.ceil(interval / (_SAFETY * stable_step_in_any_pose(robot))))
     largest = stable_step(robot)

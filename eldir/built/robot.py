@@ -6,7 +6,7 @@ A robot stands if its centre of mass lies over its feet and no mechanism lets it
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -69,6 +69,28 @@ class PrintedRobot(Record):
         """Moments of inertia about the masses [kg m2], shape (M,)."""
         return self.masses * self.parameters.gyration**2
 
+    def with_parameters(self, parameters: BuiltParameters) -> PrintedRobot:
+        """The same robot, with its ballast and the errors of its strips and feet, of other parameters."""
+        p, now = parameters, self.parameters
+        grown = p.scale / now.scale
+        masses = self.masses + _masses(p, self.springs, self.active) - _masses(now, self.springs, self.active)
+        return replace(
+            self._with_masses(masses, p),
+            positions=grown * self.positions,
+            rest_lengths=grown * self.rest_lengths,
+        )
+
+    def with_ballast(self, ballast: float | FloatArray) -> PrintedRobot:
+        """The same robot with more ballast [kg]; see `build`."""
+        masses = _add_ballast(self.masses.copy(), self.positions, ballast)
+        return self._with_masses(masses, self.parameters)
+
+    def _with_masses(self, masses: FloatArray, p: BuiltParameters) -> PrintedRobot:
+        stiffness, buckling, damping = _spring_values(p, masses, self.springs, self.active)
+        return replace(
+            self, masses=masses, stiffness=stiffness, buckling=buckling, damping=damping, parameters=p
+        )
+
     @property
     def directions(self) -> FloatArray:
         """Unit vectors from the second to the first mass of every spring, as assembled, shape (S, 2)."""
@@ -115,10 +137,9 @@ def build(
         require_count("feet", len(feet), len(morphology.positions), "mass")
     active = _active_springs(morphology, without_motor)
     x = (morphology.positions - morphology.positions.min(axis=0)) * p.scale
-    masses = _masses(p, x, morphology.springs, active, ballast)
-    a, b = morphology.springs.T
-    reduced = masses[a] * masses[b] / (masses[a] + masses[b])
-    noise = p.geometry * rng.standard_normal(len(a)) if rng is not None else 0.0
+    masses = _add_ballast(_masses(p, morphology.springs, active), x, ballast)
+    stiffness, buckling, damping = _spring_values(p, masses, morphology.springs, active)
+    noise = p.geometry * rng.standard_normal(len(active)) if rng is not None else 0.0
     lengths = morphology.rest_lengths * p.scale + np.where(active, 0.0, noise)
     return PrintedRobot(
         positions=x,
@@ -126,9 +147,9 @@ def build(
         active=active,
         masses=masses,
         rest_lengths=lengths + strips if len(strips) else lengths,
-        stiffness=np.where(active, p.hot_stiffness, p.tension),
-        buckling=np.where(active, np.inf, p.buckling),
-        damping=np.where(active, p.active_damping, 2 * p.strip_damping * np.sqrt(p.tension * reduced)),
+        stiffness=stiffness,
+        buckling=buckling,
+        damping=damping,
         feet=feet if len(feet) else np.ones(len(x)),
         parameters=p,
     )
@@ -145,24 +166,35 @@ def _active_springs(morphology: Morphology, without_motor: int | None) -> BoolAr
     return active
 
 
-def _masses(
-    p: BuiltParameters,
-    positions: FloatArray,
-    springs: IntArray,
-    active: BoolArray,
-    ballast: float | FloatArray,
-) -> FloatArray:
-    """Masses [kg], shape (M,): hexagons, half of each spring at either end, connectors at the edge of the
-    body, and ballast. Raises `InputError` for a ballast that does not fit or leaves no mass."""
-    masses = np.full(len(positions), p.hexagon)
+def _spring_values(
+    p: BuiltParameters, masses: FloatArray, springs: IntArray, active: BoolArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Stiffness, buckling load and dashpot of every spring; see `PrintedRobot`."""
+    a, b = springs.T
+    reduced = masses[a] * masses[b] / (masses[a] + masses[b])
+    return (
+        np.where(active, p.hot_stiffness, p.tension),
+        np.where(active, np.inf, p.buckling),
+        np.where(active, p.active_damping, 2 * p.strip_damping * np.sqrt(p.tension * reduced)),
+    )
+
+
+def _masses(p: BuiltParameters, springs: IntArray, active: BoolArray) -> FloatArray:
+    """Masses [kg], shape (M,): hexagons, half of each spring at either end, and connectors at the edge of the
+    body."""
+    masses = np.full(int(springs.max()) + 1, p.hexagon)
     half = np.where(active, p.active_spring, p.strip) / 2
     for ends in springs.T:
         np.add.at(masses, ends, half)
-    degree = np.bincount(springs.ravel(), minlength=len(positions))
-    masses += np.where(degree < 6, p.half_connector, 0.0)
+    degree = np.bincount(springs.ravel(), minlength=len(masses))
+    return masses + np.where(degree < 6, p.half_connector, 0.0)
+
+
+def _add_ballast(masses: FloatArray, positions: FloatArray, ballast: float | FloatArray) -> FloatArray:
+    """Masses with ballast [kg]. Raises `InputError` for one that does not fit or leaves no mass."""
     require_shape("ballast", np.shape(ballast), (), masses.shape)
     if np.ndim(ballast):
-        masses += ballast
+        masses = masses + ballast
     else:
         masses[foremost_mass(positions)] += ballast
     require_value("ballast", ((masses > 0) & np.isfinite(masses)).all(), "0 kg or more", ballast)

@@ -26,7 +26,7 @@ Joints = Literal["pins", "clamped", "hubs"]
 class BuiltParameters(Record):
     """Parameters of a printed robot that do not depend on its design."""
 
-    OPTIONAL = frozenset({"tilt", "socket", "corner", "socket_turn", "socket_friction"})
+    OPTIONAL = frozenset({"backward_friction", "tilt", "socket", "corner", "socket_turn", "socket_friction"})
     """Keys that files of version 0.1.0 do not have."""
 
     pitch: PositiveFloat = 0.057
@@ -37,6 +37,9 @@ class BuiltParameters(Record):
     """Tilt of the table: it falls forward by this angle [rad]."""
     friction: NonNegativeFloat = 0.5
     """Coulomb coefficient between a mass and the table."""
+    backward_friction: Annotated[NonNegativeFloat, Field(exclude_if=lambda value: value == 1.0)] = 1.0
+    """Friction of a mass that slides backward, as a multiple of `friction`: more than 1 with feet of slanted
+    bristles or teeth."""
     drag: NonNegativeFloat = 1.0
     """Rate at which velocities decay [1/s]."""
     tension: PositiveFloat = 161e3

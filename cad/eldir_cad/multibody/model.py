@@ -106,6 +106,8 @@ class Multibody:
     """Positive upwards [m/s2]."""
     tilt: float = 0.0
     """Forward slope of the table [rad]."""
+    backward_friction: float = 1.0
+    """Friction of hubs that slide backward, as a multiple of that forward."""
     numerics: Numerics = field(default_factory=Numerics)
 
     def coil_commands(self, lengths: FloatArray, free: tuple[float, float]) -> tuple[FloatArray, FloatArray]:
@@ -160,6 +162,7 @@ def build_multibody(
         drag=robot.drag,
         gravity=robot.gravity,
         tilt=robot.tilt + tilt,
+        backward_friction=robot.backward_friction,
     )
 
 

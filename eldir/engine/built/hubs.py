@@ -1,8 +1,8 @@
 """Hubs of a printed robot: rigid hexagons whose sockets hold the strips, and that stand on their corners.
 
 For robots with `eldir.parameters.printed.BuiltParameters.with_hubs`; those with pins or clamped strips are
-computed by `impulses` and `integration`, which are shorter and have tangents. `now` are values
-(`GroupArrays`).
+computed by `impulses` and `integration`, which are shorter. `now` are the group's values (`GroupArrays`),
+which are dual numbers where tangents are computed.
 
 Angles between a hub and a strip come from five terms of the arc sine's series, without a division: up to 30
 degrees they are right to 1e-5, at 45 degrees to 6e-4. Beyond a right angle they stay constant.
@@ -10,7 +10,9 @@ degrees they are right to 1e-5, at 45 degrees to 6e-4. Beyond a right angle they
 
 from typing import Any, NamedTuple
 
-from eldir.engine.built.motion_launch import ONE, ZERO, LaneVector
+from eldir.engine.built.dual import maximum, minimum, negative, polynomial, select, sqrt, variable, zero_like
+from eldir.engine.built.integration import turn_hexagon
+from eldir.engine.built.motion_launch import ONE, ZERO
 from eldir.engine.built.strip import bending_angle, end_moments, interpolate, strip_tension
 from eldir.engine.compiler import ti
 
@@ -42,7 +44,7 @@ class Hinges(NamedTuple):
 
 @ti.func
 def clamp(value, limit):
-    return ti.max(ti.min(value, limit), ZERO - limit)
+    return maximum(minimum(value, limit), negative(limit))
 
 
 @ti.func
@@ -51,12 +53,12 @@ def hinges(group: ti.template(), now: ti.template(), s, a, b):
     ex, ey = group.direction[2 * s], group.direction[2 * s + 1]
     ax, ay = now.cosine[a] * ex - now.sine[a] * ey, now.sine[a] * ex + now.cosine[a] * ey
     bx, by = now.cosine[b] * ex - now.sine[b] * ey, now.sine[b] * ex + now.cosine[b] * ey
-    dx = now.x[a] - now.x[b] - now.socket * (ax + bx)
-    dy = now.y[a] - now.y[b] - now.socket * (ay + by)
-    ux = now.vx[a] - now.vx[b] + now.socket * (now.spin[a] * ay + now.spin[b] * by)
-    uy = now.vy[a] - now.vy[b] - now.socket * (now.spin[a] * ax + now.spin[b] * bx)
-    length = ti.sqrt(dx * dx + dy * dy) + 1e-12  # never divides by 0
-    per_length = ONE / length
+    dx = now.x[a] - now.x[b] - now.parameters.socket * (ax + bx)
+    dy = now.y[a] - now.y[b] - now.parameters.socket * (ay + by)
+    ux = now.vx[a] - now.vx[b] + now.parameters.socket * (now.spin[a] * ay + now.spin[b] * by)
+    uy = now.vy[a] - now.vy[b] - now.parameters.socket * (now.spin[a] * ax + now.spin[b] * bx)
+    length = sqrt(dx * dx + dy * dy) + 1e-12  # never divides by 0
+    per_length = 1.0 / length
     nx, ny = dx * per_length, dy * per_length
     rate, turning = ux * nx + uy * ny, (nx * uy - ny * ux) * per_length
     return ti.static(Hinges(ax, ay, bx, by, nx, ny, length, rate, per_length, turning))
@@ -66,11 +68,8 @@ def hinges(group: ti.template(), now: ti.template(), s, a, b):
 def angle_between(nx, ny, tx, ty):
     """Angle from unit vector n to t; at most a right angle."""
     sine, cosine = nx * ty - ny * tx, nx * tx + ny * ty
-    sine = ti.select(cosine > ZERO, sine, ti.select(sine < ZERO, ZERO - ONE, ONE))
-    square, series = sine * sine, LaneVector(_ARC_SINE[-1])
-    for factor in ti.static(_ARC_SINE[-2::-1]):
-        series = LaneVector(factor) + square * series
-    return sine * series
+    clipped = select(cosine > ZERO, sine, select(sine < ZERO, ZERO - ONE, ONE))
+    return clipped * polynomial(clipped * clipped, _ARC_SINE)
 
 
 @ti.func
@@ -78,13 +77,13 @@ def socket_friction(group: ti.template(), now: ti.template(), at, rotation, dela
     """Angular impulse of a socket's friction on its hub: an elastic bristle, dragged along when it slips
     (Dahl's model of friction)."""
     bristle = now.bristle[at]
-    strain = clamp(rotation - bristle, now.slip_angle)
+    strain = clamp(rotation - bristle, now.numbers.slip_angle)
     now.bristle[at] = rotation - strain
     return (
         group.dt
-        * now.socket_friction
-        / now.slip_angle
-        * clamp(delayed_rotation - now.bristle[at], now.slip_angle)
+        * now.parameters.socket_friction
+        / now.numbers.slip_angle
+        * clamp(delayed_rotation - now.bristle[at], now.numbers.slip_angle)
     )
 
 
@@ -95,14 +94,14 @@ def hub_impulses(group: ti.template(), now: ti.template(), first, part):
         s = group.spring_at + k
         a, b = group.ends[2 * s], group.ends[2 * s + 1]
         h = ti.static(hinges(group, now, s, a, b))
-        force = now.damping[s] * h.rate
-        ma, mb = LaneVector(0.0), LaneVector(0.0)
+        force = variable(now.damping[s] * h.rate)
+        ma, mb = zero_like(h.rate), zero_like(h.rate)
         if k < group.active:  # a shape-memory spring: Hooke's law, its ends turn freely
-            free = interpolate(now.free_length, first + k, group.active, part) - 2.0 * now.socket
+            free = interpolate(now.free_length, first + k, group.active, part) - 2.0 * now.parameters.socket
             stiff = interpolate(now.spring_rate, first + k, group.active, part)
             force += stiff * (h.length - free)
         else:
-            rest = now.rest_length[s] - 2.0 * now.socket
+            rest = now.rest_length[s] - 2.0 * now.parameters.socket
             force += strip_tension(h.length, rest, now.stiffness[s], now.buckling[s])
             ma, mb = strip_moments(group, now, s, a, b, h)
         couple = (ma + mb) * h.per_length
@@ -112,8 +111,8 @@ def hub_impulses(group: ti.template(), now: ti.template(), first, part):
         now.impulse_y[a] = now.impulse_y[a] - fy
         now.impulse_x[b] = now.impulse_x[b] + fx
         now.impulse_y[b] = now.impulse_y[b] + fy
-        now.moment[a] = now.moment[a] + (now.socket * (h.ax * fy - h.ay * fx) - ma)
-        now.moment[b] = now.moment[b] + (now.socket * (h.bx * fy - h.by * fx) - mb)
+        now.moment[a] = now.moment[a] + (now.parameters.socket * (h.ax * fy - h.ay * fx) - ma)
+        now.moment[b] = now.moment[b] + (now.parameters.socket * (h.bx * fy - h.by * fx) - mb)
 
 
 @ti.func
@@ -124,14 +123,14 @@ def strip_moments(group: ti.template(), now: ti.template(), s, a, b, h: ti.templ
         angle_between(h.nx, h.ny, h.ax, h.ay),
         angle_between(h.nx, h.ny, h.bx, h.by),
     )
-    da = pa + now.delay * (now.spin[a] - h.turning)
-    db = pb + now.delay * (now.spin[b] - h.turning)
-    ea, eb = da - clamp(da, now.play), db - clamp(db, now.play)
-    qa, qb = bending_angle(da, eb, now.play), bending_angle(db, ea, now.play)
+    da = pa + now.numbers.delay * (now.spin[a] - h.turning)
+    db = pb + now.numbers.delay * (now.spin[b] - h.turning)
+    play = now.parameters.socket_turn
+    ea, eb = da - clamp(da, play), db - clamp(db, play)
+    qa, qb = bending_angle(da, eb, play), bending_angle(db, ea, play)
     ma, mb = end_moments(group.dt * now.bending[s], qa, qb)
-    ma += socket_friction(group, now, 2 * s, pa, da)
-    mb += socket_friction(group, now, 2 * s + 1, pb, db)
-    return ma, mb
+    fa, fb = socket_friction(group, now, 2 * s, pa, da), socket_friction(group, now, 2 * s + 1, pb, db)
+    return ma + fa, mb + fb
 
 
 @ti.func
@@ -139,9 +138,8 @@ def lowest_corner(cosine, sine):
     """Cosine and sine of the hub's rotation from the nearest pose in which a corner points down."""
     left_c, left_s = _COS60 * cosine - _SIN60 * sine, _COS60 * sine + _SIN60 * cosine
     right_c, right_s = _COS60 * cosine + _SIN60 * sine, _COS60 * sine - _SIN60 * cosine
-    c, s = ti.select(left_c > cosine, left_c, cosine), ti.select(left_c > cosine, left_s, sine)
-    s = ti.select(right_c > c, right_s, s)
-    return ti.max(right_c, c), s
+    c, s = select(left_c > cosine, left_c, cosine), select(left_c > cosine, left_s, sine)
+    return maximum(right_c, c), select(right_c > c, right_s, s)
 
 
 @ti.func
@@ -150,47 +148,40 @@ def move_hubs(group: ti.template(), now: ti.template(), going):
     for i in range(group.masses):
         w, wi = now.inverse_mass[i], now.inverse_inertia[i]
         before_x, before_y, before = now.vx[i], now.vy[i], now.spin[i]
-        vx = now.decay * before_x + now.impulse_x[i] * w + now.gravity_tangent_dt
-        vy = now.decay * before_y + now.impulse_y[i] * w + now.gravity_normal_dt
-        spin = now.decay * before + now.moment[i] * wi
+        ux = now.numbers.decay * before_x + now.impulse_x[i] * w + now.numbers.gravity_tangent_dt
+        uy = now.numbers.decay * before_y + now.impulse_y[i] * w + now.numbers.gravity_normal_dt
+        turning = now.numbers.decay * before + now.moment[i] * wi
         c, s = lowest_corner(now.cosine[i], now.sine[i])
-        rx, ry = now.corner * s, ZERO - now.corner * c
-        height = now.y[i] + now.corner * (ONE - c)
-        p, q = corner_contact(group, height, vx - spin * ry, vy + spin * rx, rx, ry, w, wi, now.friction[i])
-        vx, vy, spin = vx + w * p, vy + w * q, spin + wi * (rx * q - ry * p)
-        now.x[i] = now.x[i] + ti.select(going, group.dt * vx, ZERO)
-        now.y[i] = now.y[i] + ti.select(going, group.dt * vy, ZERO)
-        now.vx[i] = ti.select(going, vx, before_x)
-        now.vy[i] = ti.select(going, vy, before_y)
-        turn_hub(group, now, i, ti.select(going, spin, before), going)
+        rx, ry = now.parameters.corner * s, negative(now.parameters.corner * c)
+        height = now.y[i] + now.parameters.corner * (1.0 - c)
+        tangential, normal = ux - turning * ry, uy + turning * rx
+        forward = now.friction[i]
+        backward = forward * now.parameters.backward_friction
+        p, q = corner_contact(group, height, tangential, normal, rx, ry, w, wi, forward, backward)
+        vx, vy, spin = ux + w * p, uy + w * q, turning + wi * (rx * q - ry * p)
+        now.x[i] = now.x[i] + select(going, group.dt * vx, ZERO)
+        now.y[i] = now.y[i] + select(going, group.dt * vy, ZERO)
+        now.vx[i] = select(going, vx, before_x)
+        now.vy[i] = select(going, vy, before_y)
+        turn_hexagon(group, now, i, select(going, spin, before), going)
         now.impulse_x[i] = ZERO
         now.impulse_y[i] = ZERO
         now.moment[i] = ZERO
 
 
 @ti.func
-def turn_hub(group: ti.template(), now: ti.template(), i, spin, going):
-    """Cayley's rotation by dt spin."""
-    half = ti.select(going, 0.5 * group.dt * spin, ZERO)
-    scale, double = ONE / (ONE + half * half), half + half
-    c0, s0 = now.cosine[i], now.sine[i]
-    now.cosine[i] = ((ONE - half * half) * c0 - double * s0) * scale
-    now.sine[i] = ((ONE - half * half) * s0 + double * c0) * scale
-    now.spin[i] = spin
-
-
-@ti.func
-def corner_contact(group: ti.template(), height, tangential, normal, rx, ry, w, wi, friction):
+def corner_contact(group: ti.template(), height, tangential, normal, rx, ry, w, wi, forward, backward):
     """Impulses (along the table, up) on a corner at (rx, ry) from its hub's centre, `height` above the table,
     with these speeds: they end its fall within the step and stop it, or slow it as far as Coulomb friction
-    does. w and wi are the hub's inverse mass and moment of inertia."""
-    needed = ZERO - height / group.dt - normal
-    a, b, c = w + wi * ry * ry, ZERO - wi * rx * ry, w + wi * rx * rx
-    per_determinant = ONE / (a * c - b * b)
-    stick = ZERO - (c * tangential + b * needed) * per_determinant
+    does, with its coefficients for sliding forward and backward. w and wi are the hub's inverse mass and
+    moment of inertia."""
+    needed = negative(height / group.dt) - normal
+    a, b, c = w + wi * ry * ry, negative(wi * rx * ry), w + wi * rx * rx
+    per_determinant = 1.0 / (a * c - b * b)
+    stick = negative((c * tangential + b * needed) * per_determinant)
     push = (a * needed + b * tangential) * per_determinant
-    coefficient = ti.select(stick < ZERO, ZERO - friction, friction)
-    slips = ti.max(stick, ZERO - stick) > friction * push
-    push = ti.select(slips, needed / (c + b * coefficient), push)
-    stick = ti.select(slips, coefficient * push, stick)
-    return ti.select(needed > ZERO, stick, ZERO), ti.select(needed > ZERO, push, ZERO)
+    coefficient = select(stick < ZERO, negative(forward), backward)
+    slips = maximum(stick, negative(stick)) > select(stick < ZERO, forward, backward) * push
+    pushed = select(slips, needed / (c + b * coefficient), push)
+    held = select(slips, coefficient * pushed, stick)
+    return select(needed > ZERO, held, ZERO), select(needed > ZERO, pushed, ZERO)

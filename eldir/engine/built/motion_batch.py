@@ -11,47 +11,49 @@ import numpy as np
 
 from eldir.core.records import FloatArray, IntArray
 from eldir.engine.built.motion_kernel import motion_kernel
-from eldir.engine.built.motion_launch import LANES, RECORDED, STEPS, LaneArrays, MotionLaunch
+from eldir.engine.built.motion_launch import (
+    LANES,
+    RECORDED,
+    LaneArrays,
+    MotionLaunch,
+    RobotArrays,
+    RobotNumbers,
+)
 from eldir.engine.compiler import aligned
 from eldir.engine.runtime import set_compile_options, start
 from eldir.engine.threads import worker_threads
 from eldir.morphology import offsets
 from eldir.parameters.printed import Joints
 
+_FIELDS = len(RobotArrays._fields)
+
 
 @dataclass(frozen=True)
 class MotionInputs:
-    """One robot and its commands; or the tangents of all these values with respect to a parameter."""
+    """One robot and its commands."""
 
     springs: IntArray
     """Active ones first, shape (S, 2)."""
     direction: FloatArray
     """Unit vector from the second to the first mass of every spring at rest, shape (S, 2)."""
-    strips: FloatArray
-    """Rest length, stiffness, buckling load, damping and bending stiffness, shape (5, S)."""
-    inverse_masses: FloatArray
-    """1 / mass [1/kg], 1 / moment of inertia [1/(kg m2)] and coefficient of friction, shape (3, M)."""
-    properties: FloatArray
-    """The values that `eldir.engine.built.motion_launch.PROPERTIES` lists."""
-    lengths: FloatArray
-    """Free lengths of the active springs at the ends of the intervals [m], shape (K + 1, A)."""
-    stiffnesses: FloatArray
-    """Their stiffness [N/m], shape (K + 1, A)."""
-    state: FloatArray
-    """x, y, vx, vy, and unless strips are pinned cosine, sine, spin, shape (4 or 7, M)."""
     joints: Joints
-    bristles: FloatArray
-    """Of hubs: angle at which each socket's friction is without force [rad], shape (S, 2)."""
+    values: RobotArrays
 
     @property
     def group_key(self) -> tuple[object, ...]:
         """Robots with the same key move side by side."""
-        return (self.springs.tobytes(), self.direction.tobytes(), self.lengths.shape, self.joints)
+        lengths = self.values.free_length.shape
+        return (self.springs.tobytes(), self.direction.tobytes(), lengths, self.joints)
 
     @property
     def work(self) -> float:
         """Springs times steps."""
-        return float(len(self.springs) * len(self.lengths) * self.properties[STEPS])
+        return float(len(self.springs) * len(self.values.free_length) * self.steps)
+
+    @property
+    def steps(self) -> int:
+        """Number of steps in an interval."""
+        return int(self.values.numbers[RobotNumbers._fields.index("steps")])
 
 
 class MotionResult(NamedTuple):
@@ -62,7 +64,7 @@ class MotionResult(NamedTuple):
     rotations: FloatArray
     """Cosine and sine of the hubs' rotations, shape (K // every + 1, M, 2); without hubs (..., 0)."""
     state: FloatArray
-    """State at the end, laid out as `MotionInputs.state`."""
+    """State at the end, laid out as `RobotArrays.state`."""
     diverged_at: int
     """-1, or the interval in which it diverged."""
     tangents: tuple[FloatArray, FloatArray] | None = None
@@ -70,7 +72,7 @@ class MotionResult(NamedTuple):
 
 
 def run_motions(
-    members: Sequence[MotionInputs], every: int, tangents: Sequence[MotionInputs] | None = None
+    members: Sequence[MotionInputs], every: int, tangents: Sequence[RobotArrays] | None = None
 ) -> list[MotionResult]:
     """Moves all robots; results are in input order, and no robot's result depends on the others.
 
@@ -90,7 +92,7 @@ def run_motions(
         filled = [(g + g[:1] * LANES)[:LANES] for g in alike]
         results = _run_groups(
             [[members[i] for i in g] for g in filled],
-            [[tangents[i] for i in g] for g in filled] if tangents is not None else None,
+            None if tangents is None else [[tangents[i] for i in g] for g in filled],
             every,
         )
         for group, found in zip(alike, results, strict=True):
@@ -99,25 +101,23 @@ def run_motions(
 
 
 def _run_groups(
-    groups: list[list[MotionInputs]], tangents: list[list[MotionInputs]] | None, every: int
+    groups: list[list[MotionInputs]], tangents: list[list[RobotArrays]] | None, every: int
 ) -> list[list[MotionResult]]:
     """Motions of groups of `LANES` robots with the same joints."""
     first = [group[0] for group in groups]
-    masses = np.array([f.inverse_masses.shape[1] for f in first], np.int32)
-    active = np.array([f.lengths.shape[1] for f in first], np.int32)
-    intervals = np.array([len(f.lengths) - 1 for f in first], np.int32)
+    masses = np.array([len(f.values.inverse_mass) for f in first], np.int32)
+    active = np.array([f.values.free_length.shape[1] for f in first], np.int32)
+    intervals = np.array([len(f.values.free_length) - 1 for f in first], np.int32)
     record_at = offsets((intervals // every + 1) * RECORDED[first[0].joints] * masses)
     workers, workspace = min(worker_threads(), len(groups)), 3 * int(masses.max())
-    values, tangent_values = (
-        _lane_arrays(inputs, workspace * workers, int(record_at[-1])) if inputs is not None else None
-        for inputs in (groups, tangents)
-    )
-    assert values is not None
+    room = workspace * workers, int(record_at[-1])
+    values = _lane_arrays([[robot.values for robot in group] for group in groups], *room)
+    tangent_values = None if tangents is None else _lane_arrays(tangents, *room)
     launch = MotionLaunch(
         groups=len(groups), workers=workers, workspace=workspace, every=every, queue=aligned(1, np.int32),
         masses=masses, springs=np.array([len(f.springs) for f in first], np.int32), active=active,
         intervals=intervals,
-        substeps=np.array([max(r.properties[STEPS] for r in group) for group in groups], np.int32),
+        substeps=np.array([max(robot.steps for robot in group) for group in groups], np.int32),
         mass_at=offsets(masses), spring_at=offsets([len(f.springs) for f in first]),
         length_at=offsets((intervals + 1) * active), record_at=record_at,
         ends=np.concatenate([f.springs.ravel() for f in first]),
@@ -128,7 +128,7 @@ def _run_groups(
     set_compile_options("f64")
     motion_kernel(first[0].joints, tangents is not None)(launch)
     arrays = [values] if tangent_values is None else [values, tangent_values]
-    return [_group_results(launch, arrays, g, len(f.state), f.joints) for g, f in enumerate(first)]
+    return [_group_results(launch, arrays, g, len(f.values.state), f.joints) for g, f in enumerate(first)]
 
 
 def _group_results(
@@ -142,39 +142,18 @@ def _group_results(
 
     def result(lane: int) -> MotionResult:
         motions = [a.record[record, lane].reshape(shape).transpose(0, 2, 1).copy() for a in arrays]
-        states = [a.state[state, lane].reshape(rows, masses).copy() for a in arrays]
-        tangents = (motions[1], states[1]) if len(arrays) == 2 else None
+        states = [a.robots.state[state, lane].reshape(rows, masses).copy() for a in arrays]
+        tangents = (motions[1][..., :2], states[1]) if len(arrays) == 2 else None
         x, rotations = motions[0][..., :2], motions[0][..., 2:]
         return MotionResult(x, rotations, states[0], int(launch.status[LANES * g + lane]), tangents)
 
     return [result(lane) for lane in range(LANES)]
 
 
-def _lane_arrays(groups: list[list[MotionInputs]], scratch: int, record: int) -> LaneArrays:
+def _lane_arrays(groups: list[list[RobotArrays]], scratch: int, record: int) -> LaneArrays:
     """The values of all robots, or their tangents, with room for impulses and recorded numbers."""
-    rest_length, stiffness, buckling, damping, bending = (
-        _lanes([[r.strips[i] for r in group] for group in groups]) for i in range(5)
-    )
-    inverse_mass, inverse_inertia, friction = (
-        _lanes([[r.inverse_masses[i] for r in group] for group in groups]) for i in range(3)
-    )
-    return LaneArrays(
-        properties=_lanes([[r.properties for r in group] for group in groups]),
-        state=_lanes([[r.state for r in group] for group in groups]),
-        inverse_mass=inverse_mass,
-        inverse_inertia=inverse_inertia,
-        friction=friction,
-        rest_length=rest_length,
-        stiffness=stiffness,
-        buckling=buckling,
-        damping=damping,
-        bending=bending,
-        bristle=_lanes([[r.bristles for r in group] for group in groups]),
-        free_length=_lanes([[r.lengths for r in group] for group in groups]),
-        spring_rate=_lanes([[r.stiffnesses for r in group] for group in groups]),
-        impulse=_zeros(scratch),
-        record=_zeros(record),
-    )
+    by_field = ([[np.asarray(robot[k]) for robot in group] for group in groups] for k in range(_FIELDS))
+    return LaneArrays(RobotArrays(*map(_lanes, by_field)), impulse=_zeros(scratch), record=_zeros(record))
 
 
 def _lanes(groups: list[list[FloatArray]]) -> FloatArray:

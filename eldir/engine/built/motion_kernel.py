@@ -8,15 +8,15 @@ robot depends on its neighbours. Workers take groups from a queue as in `learnin
 forward only and keeps no history, for horizons of a million steps. It computes in float64 throughout, because
 a step moves a mass by less than float32 can resolve.
 
-A tangent is computed by forward-mode differentiation by hand, step by step. Each lane then is one robot with
-one parameter, so that eight parameters of a robot, or one parameter of eight robots, go side by side. Names
-that begin with d_ are tangents: derivatives with respect to the lane's parameter. The time step itself does
-not depend on it.
+A tangent is computed by forward-mode differentiation (`dual`), step by step. Each lane then is one robot with
+one parameter, so that eight parameters of a robot, or one parameter of eight robots, go side by side. The
+time step itself does not depend on the parameter.
 """
 
 from collections.abc import Callable
 from functools import cache
 
+from eldir.engine.built.dual import pair
 from eldir.engine.built.hubs import hub_impulses, move_hubs
 from eldir.engine.built.impulses import spring_impulses
 from eldir.engine.built.integration import move_masses, turn_hexagons
@@ -38,8 +38,7 @@ MAX_SQUARED_SPEEDS = 1e8
 
 @cache
 def motion_kernel(joints: Joints, tangents: bool) -> Callable[[MotionLaunch], None]:
-    """The kernel for one kind of joints; without `tangents`, `MotionLaunch.tangents` is not read. Hubs have
-    no tangents."""
+    """The kernel for one kind of joints; without `tangents`, `MotionLaunch.tangents` is not read."""
     kind = MotionKind(joints, tangents)
 
     @ti.func
@@ -49,30 +48,33 @@ def motion_kernel(joints: Joints, tangents: bool) -> Callable[[MotionLaunch], No
             if g >= launch.groups:
                 break
             group = ti.static(group_sizes(kind, launch, g, worker))
-            now = ti.static(group_arrays(launch.values, group, g))
-            tangent = ti.static(group_arrays(launch.tangents, group, g) if tangents else now)
-            move_group(launch, g, group, now, tangent)
+            values = ti.static(group_arrays(launch.values, group, g))
+            derivatives = ti.static(group_arrays(launch.tangents, group, g) if tangents else values)
+            move_group(launch, g, group, values, derivatives)
 
     return make_kernel(MotionLaunch, argument_types(ti.f64), work)
 
 
 @ti.func
-def move_group(launch: ti.template(), g, group: ti.template(), now: ti.template(), tangent: ti.template()):
+def move_group(
+    launch: ti.template(), g, group: ti.template(), values: ti.template(), derivatives: ti.template()
+):
     """All intervals of a group's motion, until every robot has diverged."""
-    initialize(group, now)
+    now = ti.static(pair(values, derivatives) if group.tangents else values)
+    initialize(group, values)
     if ti.static(group.tangents):
-        initialize(group, tangent)
+        initialize(group, derivatives)
     diverged_at = LaneVector(0.0) - LaneVector(1.0)
     for interval in range(launch.intervals[g]):
         first = launch.length_at[g] + interval * group.active
         for step in range(launch.substeps[g]):
-            advance(group, now, tangent, first, step)
-        if mark_diverged(group, now, diverged_at, interval) == 0:
+            advance(group, now, first, step)
+        if mark_diverged(group, values, diverged_at, interval) == 0:
             break
         if (interval + 1) % launch.every == 0:
-            record(group, now, (interval + 1) // launch.every)
+            record(group, values, (interval + 1) // launch.every)
             if ti.static(group.tangents):
-                record(group, tangent, (interval + 1) // launch.every)
+                record(group, derivatives, (interval + 1) // launch.every)
     for j in ti.static(range(LANES)):
         launch.status[LANES * g + j] = ti.cast(diverged_at[j], ti.i32)
 
@@ -96,7 +98,7 @@ def initialize(group: ti.template(), now: ti.template()):
 
 
 @ti.func
-def advance(group: ti.template(), now: ti.template(), tangent: ti.template(), first, step):
+def advance(group: ti.template(), now: ti.template(), first, step):
     """One step. A robot with fewer steps in an interval than its neighbours waits at its end."""
     going = LaneVector(ti.cast(step, ti.f64)) < group.steps
     part = ti.min(LaneVector(step + 1.0) / group.steps, LaneVector(1.0))
@@ -104,10 +106,10 @@ def advance(group: ti.template(), now: ti.template(), tangent: ti.template(), fi
         hub_impulses(group, now, first, part)
         move_hubs(group, now, going)
     else:
-        spring_impulses(group, now, tangent, first, part)
-        move_masses(group, now, tangent, going)
+        spring_impulses(group, now, first, part)
+        move_masses(group, now, going)
     if ti.static(group.clamped):
-        turn_hexagons(group, now, tangent, going)
+        turn_hexagons(group, now, going)
 
 
 @ti.func

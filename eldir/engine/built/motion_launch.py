@@ -2,27 +2,47 @@
 
 from __future__ import annotations
 
+from collections import namedtuple
+from dataclasses import fields
 from typing import Any, NamedTuple
 
 from eldir.engine.compiler import ti
 from eldir.engine.kernels.memory import OffsetView, load, local, reread
 from eldir.engine.runtime import Count, Eights, Integers, Values
-from eldir.parameters.printed import Joints
+from eldir.parameters.printed import BuiltParameters, Joints
 
 LANES = 8
 """Robots of a group, side by side in the lanes of a vector."""
 LaneVector = ti.types.vector(LANES, ti.f64)
 """A value of each robot of a group."""
 ZERO, ONE = LaneVector(0.0), LaneVector(1.0)
-PROPERTIES = 11
-"""Vectors of a group: dt, gravity dt, drag factor, steps in an interval, bending delay [s]; of hubs the
-distance of the hinges and of the corners from the centre [m], the angle by which strips turn freely in their
-sockets [rad], the friction of a socket [N m], and the angle before it gives way [rad]; gravity along the
-table times dt."""
-STEPS = 3
-"""Where the number of steps stands in them."""
 RECORDED: dict[Joints, int] = {"pins": 2, "clamped": 2, "hubs": 4}
 """Recorded numbers of each mass: x and y, of hubs also cosine and sine."""
+
+
+class RobotNumbers(NamedTuple):
+    """Numbers that follow from a robot's parameters; in the kernel, vectors of a group's robots, or dual
+    numbers of these."""
+
+    dt: Any
+    """Time step [s]."""
+    steps: Any
+    """Number of steps in an interval."""
+    gravity_normal_dt: Any
+    """Gravity across the table times dt [m/s]."""
+    gravity_tangent_dt: Any
+    """Gravity along the table times dt [m/s]."""
+    decay: Any
+    """Factor on velocities in one step."""
+    delay: Any
+    """Bending delay [s]."""
+    slip_angle: Any
+    """Angle by which a strip turns in a socket before its friction gives way [rad]."""
+
+
+PARAMETERS = tuple(field.name for field in fields(BuiltParameters))
+PrintedNumbers: Any = namedtuple("PrintedNumbers", PARAMETERS)  # type: ignore[misc]
+"""The parameters of a robot, by their names in `BuiltParameters`; in the kernel as above."""
 
 
 class MotionKind(NamedTuple):
@@ -33,38 +53,45 @@ class MotionKind(NamedTuple):
     """Whether tangents are computed."""
 
 
+class RobotArrays(NamedTuple):
+    """What a robot is moved by. In a launch these are the arrays of all robots, one group after the other."""
+
+    numbers: Eights
+    """`RobotNumbers`, then `PrintedNumbers`."""
+    state: Eights
+    """x, y, vx, vy [m, m/s]; unless strips are pinned, cosine, sine and spin [rad/s]; shape (4 or 7, M)."""
+    inverse_mass: Eights
+    """Inverse masses [1/kg], shape (M,)."""
+    inverse_inertia: Eights
+    """Inverse moments of inertia [1/(kg m2)], shape (M,)."""
+    friction: Eights
+    """Coulomb coefficient of each mass, shape (M,)."""
+    rest_length: Eights
+    """Rest length of strips [m], shape (S,), active springs first, as below."""
+    stiffness: Eights
+    """Stiffness of the strips in tension [N/m], shape (S,)."""
+    buckling: Eights
+    """Euler loads of the strips [N], shape (S,)."""
+    damping: Eights
+    """Dashpots of the springs [N s/m], shape (S,)."""
+    bending: Eights
+    """Bending stiffness of the strips [N m], shape (S,)."""
+    bristle: Eights
+    """Angle at which the friction of each spring's two sockets is without force [rad], shape (S, 2); only of
+    hubs."""
+    free_length: Eights
+    """Free length of the active springs at the ends of the intervals [m], shape (K + 1, A)."""
+    spring_rate: Eights
+    """Stiffness of the same springs [N/m], shape (K + 1, A)."""
+
+
 class LaneArrays(NamedTuple):
     """Arrays that a launch has twice: as values, and as tangents, derivatives with respect to each lane's
     parameter."""
 
-    properties: Eights
-    """`PROPERTIES` of each group."""
-    state: Eights
-    """x, y, vx, vy of each mass [m, m/s]; clamped also cosine, sine and spin [rad/s]."""
-    inverse_mass: Eights
-    """Inverse masses [1/kg]."""
-    inverse_inertia: Eights
-    """Inverse moments of inertia [1/(kg m2)]."""
-    friction: Eights
-    """Coulomb coefficient of each mass."""
-    rest_length: Eights
-    """Rest length of strips [m]; this and the next four are by spring."""
-    stiffness: Eights
-    """Stiffness of the strips in tension [N/m]."""
-    buckling: Eights
-    """Euler loads of the strips [N]."""
-    damping: Eights
-    """Dashpots of the springs [N s/m]."""
-    bending: Eights
-    """Bending stiffness of the strips [N m]."""
-    bristle: Eights
-    """Angle at which the friction of each strip's two sockets is without force [rad]; only of hubs."""
-    free_length: Eights
-    """Free length of shape-memory springs at the ends of the intervals [m]."""
-    spring_rate: Eights
-    """Stiffness of the same springs [N/m]."""
+    robots: RobotArrays
     impulse: Eights
-    """Scratch of the workers: x, y and clamped the moment's, of each mass."""
+    """Scratch of the workers: x, y and, unless strips are pinned, the moment's, of each mass."""
     record: Eights
     """The recorded numbers (`RECORDED`): x and y of each mass [m], cosine and sine of each hub."""
 
@@ -148,24 +175,9 @@ class GroupSizes(NamedTuple):
 class GroupArrays(NamedTuple):
     """One group's values, or their tangents. Views are indexed by mass, arrays by spring."""
 
-    gravity_normal_dt: Any
-    """Gravity across the table times dt [m/s]."""
-    gravity_tangent_dt: Any
-    """Gravity along the table times dt [m/s]."""
-    decay: Any
-    """Factor on velocities in one step."""
-    delay: Any
-    """Bending delay [s]."""
-    socket: Any
-    """Distance from a hub's centre to its hinges [m]."""
-    corner: Any
-    """Distance from a hub's centre to its corners [m]."""
-    play: Any
-    """Angle by which a strip turns freely in its sockets, to either side [rad]."""
-    socket_friction: Any
-    """Moment at which a strip begins to turn in a socket [N m]."""
-    slip_angle: Any
-    """Angle by which it turns before that [rad]."""
+    numbers: RobotNumbers
+    parameters: Any
+    """`PrintedNumbers`."""
     x: OffsetView
     y: OffsetView
     vx: OffsetView
@@ -199,36 +211,42 @@ class GroupArrays(NamedTuple):
 def group_sizes(kind: MotionKind, launch: MotionLaunch, g: Any, worker: Any) -> GroupSizes:
     """Group `g` of a launch."""
     masses, springs, active = (load(n, g) for n in (launch.masses, launch.springs, launch.active))
-    dt, steps = (load(launch.values.properties, PROPERTIES * g + k) for k in (0, STEPS))
+    numbers, _ = robot_numbers(launch.values, g)
     mass_at, spring_at, record_at = (
         reread(at, g) for at in (launch.mass_at, launch.spring_at, launch.record_at)
     )
     rows = 4 if kind.joints == "pins" else 7  # numbers of each mass's state
     return GroupSizes(
-        kind, masses, springs, active, dt, steps, mass_at, spring_at,
+        kind, masses, springs, active, numbers.dt, numbers.steps, mass_at, spring_at,
         state_at=local(rows * mass_at), impulse_at=local(worker * launch.workspace), record_at=record_at,
         ends=launch.ends, direction=launch.direction,
     )  # fmt: skip
 
 
+def robot_numbers(arrays: LaneArrays, g: Any) -> tuple[RobotNumbers, Any]:
+    """The numbers and the parameters of group `g`."""
+    first = len(RobotNumbers._fields)
+    count = first + len(PrintedNumbers._fields)
+    numbers = [load(arrays.robots.numbers, count * g + k) for k in range(count)]
+    return RobotNumbers(*numbers[:first]), PrintedNumbers(*numbers[first:])
+
+
 def group_arrays(arrays: LaneArrays, group: GroupSizes, g: Any) -> GroupArrays:
     """Group `g` of a launch's values or tangents."""
-    normal, decay, delay, socket, corner, play, friction, slip_angle, tangential = (
-        load(arrays.properties, PROPERTIES * g + k) for k in range(1, PROPERTIES) if k != STEPS
-    )
+    robots = arrays.robots
     x, y, vx, vy, cosine, sine, spin = (
-        OffsetView(arrays.state, local(group.state_at + k * group.masses)) for k in range(7)
+        OffsetView(robots.state, local(group.state_at + k * group.masses)) for k in range(7)
     )
     impulse_x, impulse_y, moment = (
         OffsetView(arrays.impulse, local(group.impulse_at + k * group.masses)) for k in range(3)
     )
     return GroupArrays(
-        normal, tangential, decay, delay, socket, corner, play, friction, slip_angle,
+        *robot_numbers(arrays, g),
         x, y, vx, vy, cosine, sine, spin, x,
         impulse_x, impulse_y, moment, impulse_x,
         OffsetView(arrays.record, group.record_at),
-        OffsetView(arrays.inverse_mass, group.mass_at), OffsetView(arrays.inverse_inertia, group.mass_at),
-        OffsetView(arrays.friction, group.mass_at),
-        arrays.rest_length, arrays.stiffness, arrays.buckling, arrays.damping, arrays.bending,
-        arrays.bristle, arrays.free_length, arrays.spring_rate,
+        OffsetView(robots.inverse_mass, group.mass_at), OffsetView(robots.inverse_inertia, group.mass_at),
+        OffsetView(robots.friction, group.mass_at),
+        robots.rest_length, robots.stiffness, robots.buckling, robots.damping, robots.bending,
+        robots.bristle, robots.free_length, robots.spring_rate,
     )  # fmt: skip

@@ -1,9 +1,9 @@
-"""Force laws of the printed robot's strips (docs/reference/built.md), each with its tangent.
+"""Force laws of the printed robot's strips (docs/reference/built.md).
 
-Vectors hold one value for each of several robots. Names that begin with d_ are
-tangents: derivatives with respect to the lane's parameter.
+Numbers are vectors that hold one value for each of several robots, or dual numbers of such vectors.
 """
 
+from eldir.engine.built.dual import Dual, callable_in_kernels, maximum, minimum
 from eldir.engine.built.motion_launch import ONE, ZERO, LaneVector
 from eldir.engine.compiler import ti
 
@@ -12,27 +12,22 @@ from eldir.engine.compiler import ti
 def strip_tension(length, free, stiffness, buckling):
     """Tension of a strip [N]. In compression it carries its buckling load, and a little more as it bends."""
     stretch = length - free
-    buckled = buckling * ti.min(0.5 * stretch / free - ONE, ZERO)  # -PE (1 + s / 2 L)
-    return ti.max(stiffness * stretch, buckled)
+    buckled = buckling * minimum(0.5 * stretch / free - ONE, ZERO)  # -PE (1 + s / 2 L)
+    return maximum(stiffness * stretch, buckled)
 
 
-@ti.func
-def strip_tension_tangent(length, free, stiffness, buckling, d_length, d_free, d_stiffness, d_buckling):
-    stretch, d_stretch = length - free, d_length - d_free
-    factor = 0.5 * stretch / free - ONE
-    buckled, hooke = buckling * ti.min(factor, ZERO), stiffness * stretch
-    d_buckled = ti.select(
-        factor < ZERO,
-        d_buckling * factor + 0.5 * buckling * (d_stretch - stretch * d_free / free) / free,
-        ZERO,
-    )
-    return ti.select(hooke < buckled, d_buckled, d_stiffness * stretch + stiffness * d_stretch)
-
-
-@ti.func
+@callable_in_kernels
 def unit_vector_angle(sine, cosine):
-    """Angle of a unit vector, in (-pi, pi): four times the arc tangent of the quarter angle's tangent, by its
-    series, accurate to 1e-12 up to a right angle."""
+    """Angle of a unit vector, in (-pi, pi)."""
+    if not isinstance(sine, Dual):
+        return angle_by_series(sine, cosine)
+    turn = cosine.value * sine.derivative - sine.value * cosine.derivative
+    return Dual(angle_by_series(sine.value, cosine.value), turn)
+
+
+@ti.func
+def angle_by_series(sine, cosine):
+    """Four times the arc tangent of the quarter angle's tangent, accurate to 1e-12 up to a right angle."""
     half = sine / (LaneVector(1.0 + 1e-15) + cosine)
     t = half / (ONE + ti.sqrt(ONE + half * half))
     q = t * t
@@ -51,17 +46,11 @@ def end_rotation(nx, ny, cosine, sine, ex, ey):
 
 
 @ti.func
-def end_rotation_tangent(nx, ny, cosine, sine, d_nx, d_ny, d_cosine, d_sine):
-    """The cross products of unit vectors with their tangents."""
-    return (cosine * d_sine - sine * d_cosine) - (nx * d_ny - ny * d_nx)
-
-
-@ti.func
 def bending_angle(rotation, excess, play):
     """Angle by which a strip's end is bent from its chord. Its hexagon has turned by `rotation`; the other
     hexagon has turned by `excess` more than the play. The end turns in its socket to where it bears no
     moment, which is half of the other end's angle, to the other side."""
-    return ti.max(ti.min(-0.5 * excess, rotation + play), rotation - play)
+    return maximum(minimum(-0.5 * excess, rotation + play), rotation - play)
 
 
 @ti.func

@@ -80,7 +80,10 @@ class MujocoMotion:
         """The compiled model (mujoco.MjModel)."""
         self.data = engine.MjData(self.model)
         """Its state (mujoco.MjData)."""
-        self._hubs = [self.model.body(hub_name(i)).id for i in range(len(model.hubs))]
+        names = [hub_name(i) for i in range(len(model.hubs))]
+        self._hubs = [self.model.body(name).id for name in names]
+        self._feet = [self.model.geom(f"{name}_foot").id for name in names]
+        self._friction = self.model.geom_friction[self._feet, 0].copy()
         engine.mj_kinematics(self.model, self.data)
 
     @property
@@ -121,6 +124,16 @@ class MujocoMotion:
         self.data.ctrl[:] = lengths
         self.model.actuator_gainprm[:, 0] = stiffness
         self.model.actuator_biasprm[:, 1] = -stiffness
+        if self._multibody.backward_friction != 1.0:
+            self._choose_friction()
+
+    def _choose_friction(self) -> None:
+        """A contact of MuJoCo has one coefficient for both directions: that of the way in which the lowest
+        point of each hub moves now."""
+        speeds = self.data.qvel.reshape(len(self._hubs), -1)
+        sliding = speeds[:, 0] + self._multibody.corner * speeds[:, 2:].sum(axis=1)
+        factor = np.where(sliding < 0, self._multibody.backward_friction, 1.0)
+        self.model.geom_friction[self._feet, 0] = factor * self._friction
 
 
 def sample_multibody(

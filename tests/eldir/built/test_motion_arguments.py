@@ -1,14 +1,15 @@
-"""What a motion of the built robot, and its slopes, refuse before the engine reads it."""
+"""What a motion of the built robot, and its tangents, refuse before the engine reads it."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from eldir.built.motion import drive
 from eldir.built.robot import build, rest_state
-from eldir.built.sensitivities import sensitivities
-from eldir.built.tangents import DriveInputs
+from eldir.built.sensitivities import DriveInputs, sensitivities
 from eldir.errors import InputError
 from eldir.parameters.printed import BuiltParameters
 from tests.eldir.built.braced_robots import bodies, unheated
@@ -35,15 +36,20 @@ VALUE, SHAPE = "input.wrong-value", "input.wrong-shape"
     ],
     ids=str,
 )
-@pytest.mark.parametrize("slopes", [False, True])
-def test_wrong_arguments_of_a_motion(words: dict[str, object], code: str, key: str, slopes: bool) -> None:
+@pytest.mark.parametrize("tangents", [False, True])
+def test_wrong_arguments_of_a_motion(words: dict[str, object], code: str, key: str, tangents: bool) -> None:
     """Sizes that the engine believes must be checked before: it would write beyond its arrays."""
     robot = build(bodies(1)[0])
     table, interval = unheated(robot, 3), words.get("interval", 0.01)
     others = {name: value for name, value in words.items() if name != "interval"}
+    if tangents and "states" in others:
+        (state,) = others.pop("states") or [np.zeros(3)]
+        code, key = SHAPE, "state of robot 0"
+    else:
+        state = None
     with raises(InputError, code, key):
-        if slopes:
-            sensitivities([DriveInputs(robot, table, interval)], [["friction"]], **others)
+        if tangents:
+            sensitivities([DriveInputs(robot, table, interval, state=state)], [["friction"]], **others)
         else:
             drive([robot], [table], interval, **others)
 
@@ -78,7 +84,7 @@ def test_a_state_of_another_joint_model() -> None:
             drive([robot], [unheated(robot, 3)], 0.01, states=[rest_state(other)])
     with raises(InputError, "input.wrong-shape", "state of robot 0"):
         inputs = DriveInputs(pinned, unheated(pinned, 3), 0.01)
-        sensitivities([inputs], [["friction"]], states=[rest_state(hubs)])
+        sensitivities([replace(inputs, state=rest_state(hubs))], [["friction"]])
 
 
 def test_whole_numbers_of_numpy_are_welcome() -> None:

@@ -142,13 +142,15 @@ def test_two_masses_swing_as_the_closed_form_says() -> None:
 
 @pytest.mark.parametrize("mu", [0.2, 0.5, 1.0])
 @pytest.mark.parametrize("speed", [0.3, -0.5])
-def test_sliding_distance(mu: float, speed: float) -> None:
-    p = BuiltParameters(friction=mu, drag=0.0)
+@pytest.mark.parametrize("backward", [1.0, 2.5])
+def test_sliding_distance(mu: float, speed: float, backward: float) -> None:
+    p = BuiltParameters(friction=mu, drag=0.0, backward_friction=backward)
     robot = strip((0, 0), (0.05, 0), (2e-3, 2e-3), p)
     state = rest_state(robot)
     state[2] = speed
     (motion,) = drive([robot], [unheated(robot, 40)], 0.01, states=[state], step=2e-5)
     slid = motion.positions[-1, :, 0].mean() - 0.025
+    mu *= backward if speed < 0 else 1.0
     assert slid == pytest.approx(np.sign(speed) * speed**2 / (2 * mu * 9.81), rel=3e-3)
     assert np.abs(motion.state[2:]).max() < 1e-9  # and it has stopped
 
@@ -248,7 +250,7 @@ def test_a_mirrored_design_moves_mirrored() -> None:
 
 @pytest.mark.parametrize(
     "parameters",
-    [BuiltParameters(), BuiltParameters.clamped(), BuiltParameters(tilt=-0.1)],
+    [BuiltParameters(), BuiltParameters.clamped(), BuiltParameters(tilt=-0.1, backward_friction=2.5)],
     ids=["pinned", "clamped", "tilted"],
 )
 @pytest.mark.parametrize("seed", [2, 3, 4])
@@ -268,7 +270,7 @@ def test_a_robot_does_not_depend_on_its_neighbours() -> None:
     body, p = bodies(1)[0], BuiltParameters()
     robots = [build(body, p.perturb(rng), rng=rng) for rng in map(np.random.default_rng, range(11))]
     tables = [swing(r, 31, period=0.2 + 0.02 * i) for i, r in enumerate(robots)]
-    assert len({driving._substeps(r, 0.01, None) for r in robots}) > 2
+    assert len({driving.substeps(r, 0.01, None) for r in robots}) > 2
     together = drive(robots, tables, 0.01)
     for robot, table, motion in zip(robots, tables, together, strict=True):
         (alone,) = drive([robot], [table], 0.01)

@@ -108,7 +108,7 @@ class HubStep:
         gives = np.eye(2) / r.masses[i] + np.outer(levers, levers) / r.inertias[i]
         wanted = np.array([-speed[0], -gap / dt - speed[1]])
         impulse = np.linalg.solve(gives, wanted)
-        mu = r.friction[i]
+        mu = r.friction[i] * (p.backward_friction if impulse[0] > 0 else 1.0)
         if abs(impulse[0]) > mu * impulse[1]:
             slides = np.array([np.copysign(mu, impulse[0]), 1.0])
             impulse = slides * wanted[1] / (gives @ slides)[1]

@@ -203,7 +203,7 @@ def built_step(
     for i in range(len(x)):
         if x[i, 1] + dt * v[i, 1] < 0:
             stopped = -x[i, 1] / dt
-            grip = robot.friction[i] * (stopped - v[i, 1])
+            grip = robot.friction[i] * (stopped - v[i, 1]) * (p.backward_friction if v[i, 0] < 0 else 1.0)
             v[i] = np.sign(v[i, 0]) * max(abs(v[i, 0]) - grip, 0.0), stopped
     after = [(x + dt * v).T, v.T]
     if robot.joints == "clamped":
