@@ -43,13 +43,18 @@ def place(robot: PrintedRobot, terrain: Terrain | None) -> FloatArray:
     not rotated."""
     state = rest_state(robot)
     if terrain is not None:
-        points = robot.positions
-        if robot.joints == "hubs":
-            angles = np.radians(60) * np.arange(6)
-            corners = robot.parameters.corner * np.stack([np.sin(angles), 1 - np.cos(angles)], axis=1)
-            points = (points[:, None] + corners).reshape(-1, 2)
-        state[1] += (terrain.height(points[:, 0]) - points[:, 1]).max()
+        state[1] += find_lift(robot.positions, robot.parameters.corner, terrain)
     return state
+
+
+def find_lift(positions: FloatArray, corner: float, terrain: Terrain) -> float:
+    """Height by which masses at these positions (M, 2) are lifted until one touches the terrain [m]; hubs
+    have corners at a distance `corner` from their centres, one of which points down."""
+    if corner > 0:
+        angles = np.radians(60) * np.arange(6)
+        arms = corner * np.stack([np.sin(angles), 1 - np.cos(angles)], axis=1)
+        positions = (positions[:, None] + arms).reshape(-1, 2)
+    return float((terrain.height(positions[:, 0]) - positions[:, 1]).max())
 
 
 def heights(positions: FloatArray, terrain: Terrain | None) -> FloatArray:
