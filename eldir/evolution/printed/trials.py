@@ -20,6 +20,7 @@ from eldir.built.walking import displacements
 from eldir.core.records import FloatArray
 from eldir.morphology import Morphology
 from eldir.parameters.robot import RobotParameters
+from eldir.terrain import Terrain
 
 SOFT = 20e3
 """Stiffness of soft strips in tension [N/m]."""
@@ -46,16 +47,20 @@ class Trial:
     """Seed of the samples; the n-th sample of a robot is the same in every trial with this seed."""
     first: int = 0
     """Number of the first sample of a further evaluation."""
+    terrain: Terrain | None = None
+    """The ground, one for all trials of a run; by default a table."""
 
 
-def make_screening_trial(body: Morphology, gait: Gait, seed: tuple[int, ...], spread: bool) -> Trial:
+def make_screening_trial(
+    body: Morphology, gait: Gait, seed: tuple[int, ...], spread: bool, terrain: Terrain | None = None
+) -> Trial:
     """The first trial of a body: its gait and seven others around it, or with `spread` all eighths of the
     period. Motors after the first one move together, or against each other if there are three or more."""
     motors = len(gait.phase)
     steps = np.arange(LANES) / LANES if spread else np.array(_OFFSETS)
     turn = np.array([0.0, *(1.0 if m % 2 else -1.0 for m in range(1, motors))])
     gaits = [replace(gait, phase=(gait.phase + step * turn) % 1.0) for step in steps]
-    return Trial(body, tuple(gaits), seed)
+    return Trial(body, tuple(gaits), seed, terrain=terrain)
 
 
 def screen_gaits(trials: Sequence[Trial], nominal: RobotParameters) -> FloatArray:
@@ -121,4 +126,5 @@ def _walks(
     springs = [s.motor_springs(trial.body.motors) for (trial, _, _), s in zip(lanes, samples, strict=True)]
     heated = [(gait, own) for (_, gait, _), own in zip(lanes, springs, strict=True)]
     tables = free_lengths_batch(heated, cycles, many=True)  # a cluster's workers have few of them
-    return displacements(robots, tables, cycles, robots_of[0].free_lengths, mass_scaling, _MAX_COIL_LOAD)
+    free, ground = robots_of[0].free_lengths, lanes[0][0].terrain
+    return displacements(robots, tables, cycles, free, mass_scaling, _MAX_COIL_LOAD, ground)
