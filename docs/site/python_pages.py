@@ -18,7 +18,7 @@ MODULES = [
     "eldir.training.randomisation",
     "eldir.built.robot", "eldir.built.gait", "eldir.built.heat", "eldir.built.motion", "eldir.built.walking",
     "eldir.built.samples", "eldir.built.screening", "eldir.built.scene", "eldir.built.stability",
-    "eldir.built.gait_search", "eldir.built.gait_choice", "eldir.built.sensitivities",
+    "eldir.built.gait_search", "eldir.built.gait_choice", "eldir.built.ground", "eldir.built.sensitivities",
     "eldir_cad.checks.buildability", "eldir_cad.checks.contacts", "eldir_cad.checks.kinematics",
     "eldir_cad.checks.strip_law", "eldir_cad.checks.violations",
     "eldir_cad.shortlist.ranking", "eldir_cad.shortlist.folder",

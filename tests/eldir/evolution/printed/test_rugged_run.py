@@ -21,8 +21,7 @@ from eldir.parameters.robot import RobotParameters
 from eldir.terrain import Terrain
 from eldir_app.application import application
 from tests.eldir.built.grounds import plane
-from tests.eldir.evolution.printed.small_searches import SMALL
-from tests.eldir.evolution.printed.test_trials import BODY, GAIT
+from tests.eldir.evolution.printed.small_searches import BODY, GAIT, SMALL
 from tests.raised import raises
 
 pytestmark = pytest.mark.slow(30)
