@@ -45,7 +45,7 @@ class Setting(NamedTuple):
     """Time step [s]."""
     precision: Precision
 
-    def of(self, scene: Scene) -> Scene:
+    def apply_to(self, scene: Scene) -> Scene:
         """The scene for one second with this setting, also where the step is unstable."""
         return scene.replace(**self._asdict(), steps=round(SECONDS / self.dt), large_step="run")
 
@@ -108,7 +108,7 @@ def diagram(case: Case) -> list[dict[str, Any]]:
     reference = ends(case, reference_scene(case.scene))
     points = []
     for setting in settings():
-        scene = setting.of(case.scene)
+        scene = setting.apply_to(case.scene)
         errors = distances(ends(case, scene), reference)
         points.append(
             {
@@ -124,7 +124,7 @@ def diagram(case: Case) -> list[dict[str, Any]]:
 
 def reference_scene(scene: Scene) -> Scene:
     """The scene of the converged reference."""
-    return Setting(**_REFERENCE).of(scene)  # type: ignore[arg-type]
+    return Setting(**_REFERENCE).apply_to(scene)  # type: ignore[arg-type]
 
 
 def ends(case: Case, scene: Scene) -> list[FloatArray]:
@@ -158,7 +158,7 @@ def _add_gradients(case: Case, points: list[dict[str, Any]]) -> None:
     reference = gradient_vectors(case, reference_scene(case.scene))
     for point in points:
         setting = Setting(point["integrator"], point["dt"], point["precision"])
-        found = gradient_vectors(case, setting.of(case.scene))
+        found = gradient_vectors(case, setting.apply_to(case.scene))
         errors = [np.linalg.norm(a - b) / np.linalg.norm(b) for a, b in zip(found, reference, strict=True)]
         point["gradient_error"] = float(np.median(errors))
 

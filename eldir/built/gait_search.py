@@ -65,7 +65,7 @@ class GaitSearchResult:
     """Predicted walks, by the same methods."""
     method: str
     """Method of the chosen gait."""
-    kept: FilmedGait | None = None
+    kept_film: FilmedGait | None = None
     """The filmed gait, if it is kept; otherwise None."""
     reason: str = ""
     """Why a filmed gait is kept or not, in one line; empty without films."""
@@ -112,11 +112,11 @@ def find_gait(
     if scene is None:
         return GaitSearchResult(gaits, walks, "search")
     chosen = choose_gait(design, searched, walks["search"], filmed, scene)
-    if chosen.kept is None:
+    if chosen.kept_film is None:
         return GaitSearchResult(gaits, walks, "search", reason=chosen.reason)
     gaits["filmed"] = chosen.gait
     (walks["filmed"],) = sample_walks(robots, [chosen.gait], samples, seed)
-    return GaitSearchResult(gaits, walks, "filmed", chosen.kept, chosen.reason)
+    return GaitSearchResult(gaits, walks, "filmed", chosen.kept_film, chosen.reason)
 
 
 def _find_evolved_gait(
