@@ -61,11 +61,11 @@ def is_chaotic(growth: FloatArray) -> BoolArray:
     """Whether chaos dominates a gradient: it is the slope of the loss only over a tiny change of the weights, and says
     nothing about an update. `growth` is how many times larger the gradient of a position became in the reverse sweep
     than at its beginning, any shape."""
-    return growth > _CHAOTIC_GROWTH
+    return ~(growth <= _CHAOTIC_GROWTH)  # NaN too
 
 
 def is_rounded(growth: FloatArray, scene: Scene) -> BoolArray:
     """Whether rounding may change a gradient by a per cent or more, in this scene's precision and steps. Each step
     rounds anew, the errors of n steps add up to the square root of n, and what was wrong grows as the gradient."""
     unit = np.finfo(np.float32 if scene.precision == "f32" else np.float64).eps / 2
-    return unit * np.sqrt(scene.steps) * growth > _MAX_ROUNDING
+    return ~(unit * np.sqrt(scene.steps) * growth <= _MAX_ROUNDING)
