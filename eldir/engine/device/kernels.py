@@ -20,6 +20,7 @@ from eldir.engine.kernels.contact import FRICTION
 from eldir.engine.kernels.layout import SCALARS, State, read_row
 from eldir.engine.kernels.learning_launch import Robot, constants
 from eldir.engine.kernels.simd import Simd, tanh_of
+from eldir.engine.kernels.memory import reread
 from eldir.engine.runtime import argument_types, make_kernel
 from eldir.validity import OK
 
@@ -92,8 +93,10 @@ def kernels(precision: str, threads: int, on_device: bool = True) -> Kernels:
                 decay = launch.arrays.scalars[SCALARS * at.robot]
                 gravity_dt = launch.arrays.scalars[SCALARS * at.robot + 1]
                 friction = launch.arrays.scalars[SCALARS * at.robot + 2]
-                max_squared_speed = launch.arrays.scalars[SCALARS * at.robot + 3]
-                scalars_of_robot = ti.static((decay, gravity_dt, friction, max_squared_speed))
+                # The greatest speed is read where it is used: a register for the whole pass would make others spill.
+                scalars_of_robot = ti.static(
+                    (decay, gravity_dt, friction, reread(launch.arrays.scalars, SCALARS * at.robot + 3))
+                )
                 robot = ti.static(_robot(simd, launch, at, scalars_of_robot, inverse_count))
                 run(own, ti.static(_block(launch, threads, phase, at, robot, shared)))
 
