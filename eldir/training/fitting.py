@@ -40,7 +40,14 @@ from eldir.core.records import BoolArray, FloatArray, IntArray, Record
 from eldir.engine.stable_step import subdivide_steps
 from eldir.morphology import Morphology
 from eldir.physics import GRIPPING, Physics, resolve_physics
-from eldir.rollout import check_controllers, group_by_substeps, scene_step, select_from, simulate, split_by_memory
+from eldir.rollout import (
+    check_controllers,
+    group_by_substeps,
+    scene_step,
+    select_from,
+    simulate,
+    split_by_memory,
+)
 from eldir.scene import Scene
 from eldir.validity import OK, REFUSED
 

@@ -139,7 +139,11 @@ def train_in_kernel(
     )
     growth = outcome.growth
     return TrainingResult(
-        outcome.losses, outcome.batch.controllers(outcome.best), outcome.status, growth, is_rounded(growth, scene)
+        outcome.losses,
+        outcome.batch.controllers(outcome.best),
+        outcome.status,
+        growth,
+        is_rounded(growth, scene),
     )
 
 
@@ -175,8 +179,9 @@ def descend(
         values, gradients = found
         samples = len(values) // len(learning)
         losses[learning, k] = values.reshape(-1, samples).mean(axis=1)
-        growth[learning, k] = found.growth.reshape(-1, samples).max(axis=1)
-        rounded[learning, k] = found.rounded.reshape(-1, samples).any(axis=1)
+        if k < iterations:  # no update follows the last loss
+            growth[learning, k] = found.growth.reshape(-1, samples).max(axis=1)
+            rounded[learning, k] = found.rounded.reshape(-1, samples).any(axis=1)
         for i, r in enumerate(learning):
             own = slice(i * samples, (i + 1) * samples)
             status[r] = _first_divergence(found.status[own])

@@ -37,7 +37,12 @@ class Extreme:
 
     @classmethod
     def of(
-        cls, scene: Scene, height: float = 0.0, speed: tuple[float, float] = (0.0, 0.0), seed: int = 0, n: int = 4
+        cls,
+        scene: Scene,
+        height: float = 0.0,
+        speed: tuple[float, float] = (0.0, 0.0),
+        seed: int = 0,
+        n: int = 4,
     ) -> Extreme:
         """Random robots at a height over the ground [m], with an initial velocity [m/s]."""
         bodies = [
@@ -47,9 +52,7 @@ class Extreme:
             Physics.of(body, scene).replace(velocities=np.tile(speed, (len(body.positions), 1)))
             for body in bodies
         ]
-        return cls(
-            scene, bodies, owns, initial_controllers(bodies, scene, seed), TrainingConfig.of(scene)
-        )
+        return cls(scene, bodies, owns, initial_controllers(bodies, scene, seed), TrainingConfig.of(scene))
 
     @property
     def arguments(self) -> tuple[Any, ...]:
@@ -92,7 +95,9 @@ def random_extreme(seed: int) -> Extreme:
     scene = grounds[rng.choice([*grounds])]
     if scene.integrator != "second-order":
         scene = scene.replace(window=rng.choice([None, int(rng.integers(1, steps + 1))]))
-    made = Extreme.of(scene, rng.choice([0.0, decades(0.01, 100)]), tuple(rng.normal(0, decades(1e-3, 30), 2)))
+    made = Extreme.of(
+        scene, rng.choice([0.0, decades(0.01, 100)]), tuple(rng.normal(0, decades(1e-3, 30), 2))
+    )
     if rng.random() < 0.5:
         made.bodies = [extreme_bodies()[name] for name in rng.choice([*extreme_bodies()], 3, replace=False)]
         made.physics = [Physics.of(body, scene) for body in made.bodies]

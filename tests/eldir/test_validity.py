@@ -55,7 +55,10 @@ def test_a_chaotic_gradient_is_the_slope_over_a_tiny_change_only() -> None:
     found = loss_and_gradient(bodies, brains, scene)
     lengths = np.array([np.linalg.norm(g.flat) for g in found[1]])
     sides = [
-        [b.shaped(b.flat + sign * 1e-5 * g.flat / length) for b, g, length in zip(brains, found[1], lengths, strict=True)]
+        [
+            b.shaped(b.flat + sign * 1e-5 * g.flat / length)
+            for b, g, length in zip(brains, found[1], lengths, strict=True)
+        ]
         for sign in (1, -1)
     ]
     losses = [np.array([r.loss for r in simulate(bodies, side, scene)]) for side in sides]

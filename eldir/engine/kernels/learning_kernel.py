@@ -163,7 +163,7 @@ def rollout(robot: ti.template(), history: ti.template(), steps):
             actuate(robot, now, ti.static(history.at(ti.max(t - 1, 0))), t)
         spring_impulses(robot, now)
         too_fast = advance_masses(robot, now, after)
-        if diverged_at < 0 and robot.simd.any_positive(too_fast):
+        if diverged_at < 0 and too_fast.sum() > 0.5:
             diverged_at = t
             if robot.stop_on_divergence:
                 break
@@ -224,6 +224,7 @@ def differentiate(robot: ti.template(), history: ti.template(), cotangents: ti.t
     for back in range(steps):
         t = steps - 1 - back
         if back > 0 and (t + 1) % window == 0:
+            largest = ti.max(largest, position_gradients(robot))
             set_final_gradient(robot, share)
         if ti.static(robot.physics_gradients):
             add_cotangent(robot, cotangents, t + 1)
@@ -237,9 +238,8 @@ def differentiate(robot: ti.template(), history: ti.template(), cotangents: ti.t
                 for i in range(n.cell_rows):
                     g.x[i] = g.x[i] + share * robot.mask[i]
         kept += 1
-        if kept == CHUNK or t % window == 0:
-            largest = ti.max(largest, position_gradients(robot))
         if kept == CHUNK or t == 0:
+            largest = ti.max(largest, position_gradients(robot))
             if controlled:
                 latest = ti.static(history.at(t + kept - 1))
                 add_weight_gradients(robot, latest, history.stride, kept)

@@ -157,7 +157,9 @@ def advance(robot: ti.template(), now: ti.template(), after: ti.template(), work
 def advance_masses(robot: ti.template(), now: ti.template(), after: ti.template()):
     """Computes the state after a step from the one before; returns 1 where a mass of 16 was too fast."""
     too_fast, one = robot.simd.lanes(0.0), robot.simd.lanes(1.0)
-    for i in range(robot.n.cell_rows):  # not by the greatest speed: the maximum of NaN and a number is the number
+    for i in range(
+        robot.n.cell_rows
+    ):  # not by the greatest speed: the maximum of NaN and a number is the number
         speed = advance(robot, now, after, robot.work, i)
         too_fast = ti.select(speed < robot.max_squared_speed, too_fast, one)
     if ti.static(robot.ground.contact == FRICTION):  # a loop of its own: the one above stays free of branches
