@@ -40,16 +40,17 @@ class LearningResult(Record):
 
     losses: FloatArray
     """Losses before the first and after each update [m], shape (n, iterations + 1); infinite from the update
-    at which a robot diverged or its gradient overflowed. With domain randomisation, the mean over the sampled robots."""
+    at which a robot diverged or its gradient overflowed. With domain randomisation, the mean over the
+    sampled robots."""
     controllers: tuple[Controller, ...]
     """The controller with the least loss, of each robot."""
     status: IntArray
-    """Status of each robot, shape (n,): -1 if it completed all steps, -2 if it was refused, -3 if its gradient
-    overflowed (`eldir.validity`), otherwise the step at which it diverged."""
+    """Status of each robot, shape (n,): -1 if it completed all steps, -2 if it was refused, -3 if its
+    gradient overflowed (`eldir.validity`), otherwise the step at which it diverged."""
     chaotic: BoolArray
-    """For each loss, whether chaos dominates its gradient (`eldir.validity.is_chaotic`), shape (n, iterations + 1).
-    The last loss has no gradient. With domain randomisation: whether it does for one of the sampled robots, like the
-    next."""
+    """For each loss, whether chaos dominates its gradient (`eldir.validity.is_chaotic`), shape (n,
+    iterations + 1). The last loss has no gradient. With domain randomisation: whether it does for one of
+    the sampled robots, like the next."""
     rounded: BoolArray
     """For each loss, whether rounding may dominate its gradient (`eldir.validity.is_rounded`)."""
 

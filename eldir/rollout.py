@@ -35,19 +35,19 @@ class Rollout(Record):
     """Minus the mean forward displacement [m]; infinite where the robot diverged."""
     status: int
     """`OK` (-1), the step at which the robot diverged, or `REFUSED` (-2) if the scene's step is too large
-    for it (`eldir.engine.stable_step`). Later states are NaN. A robot diverges where a mass moves by a spring's
-    length in one step (`eldir.validity.max_speeds`)."""
+    for it (`eldir.engine.stable_step`). Later states are NaN. A robot diverges where a mass moves by a
+    spring's length in one step (`eldir.validity.max_speeds`)."""
 
 
 class LossesAndGradients(tuple[FloatArray, list[Controller]]):
     """The losses and gradients of n robots, which it unpacks to, and how far they can be trusted."""
 
     status: IntArray
-    """`OK` (-1), `REFUSED` (-2), `NO_GRADIENT` (-3), or the step at which the robot diverged, shape (n,). Without `OK`
-    the loss is infinite and the gradient zero."""
+    """`OK` (-1), `REFUSED` (-2), `NO_GRADIENT` (-3), or the step at which the robot diverged, shape (n,).
+    Without `OK` the loss is infinite and the gradient zero."""
     growth: FloatArray
-    """How many times larger the gradient of a position became in the reverse sweep than at its beginning, shape (n,);
-    0 without motors."""
+    """How many times larger the gradient of a position became in the reverse sweep than at its beginning,
+    shape (n,); 0 without motors."""
     chaotic: BoolArray
     """Whether chaos dominates the gradient (`eldir.validity.is_chaotic`), shape (n,)."""
     rounded: BoolArray
@@ -68,8 +68,13 @@ class LossesAndGradients(tuple[FloatArray, list[Controller]]):
     def take(self, index: Sequence[int]) -> LossesAndGradients:
         """Those of some robots."""
         losses, gradients = self
-        others = (values[index] for values in (self.status, self.growth, self.rounded))
-        return LossesAndGradients(losses[index], [gradients[i] for i in index], *others)
+        return LossesAndGradients(
+            losses[index],
+            [gradients[i] for i in index],
+            self.status[index],
+            self.growth[index],
+            self.rounded[index],
+        )
 
 
 def simulate(
@@ -143,9 +148,9 @@ def loss_and_gradient(
 ) -> LossesAndGradients:
     """Losses, shape (n,), and for every robot the gradient of its loss, shaped as its controller.
 
-    A robot that diverged or was refused, or whose gradient overflowed, has an infinite loss and a gradient of zero.
-    The result unpacks to losses and gradients; its `status`, `chaotic` and `rounded` say how far they can be
-    trusted. Raises `EldirError` if the step is too large for all robots.
+    A robot that diverged or was refused, or whose gradient overflowed, has an infinite loss and a gradient
+    of zero. The result unpacks to losses and gradients; its `status`, `chaotic` and `rounded` say how far
+    they can be trusted. Raises `EldirError` if the step is too large for all robots.
     """
     scene.require_controller()
     check_controllers(morphologies, controllers)

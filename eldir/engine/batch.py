@@ -69,8 +69,8 @@ class BatchResult:
     status: NDArray[np.int32]
     """-1, -3 if the gradient is not finite, or the step at which the robot diverged."""
     growth: NDArray[np.float64]
-    """Growth of the gradient in each reverse sweep (`eldir.validity`), shape (n, iterations + 1); 0 where there was
-    none."""
+    """Growth of the gradient in each reverse sweep (`eldir.validity`), shape (n, iterations + 1); 0 where
+    there was none."""
     best: NDArray
     """Best weights or, without iterations, gradients; in the layout of the batch's weights."""
     record: NDArray
@@ -173,8 +173,8 @@ def prepare(
 
 
 def _discard_overflows(launch: LearningLaunch, losses: NDArray[np.float64], batch: Batch) -> None:
-    """Robots without a finite gradient of physics have none of weights and no loss either: all become as those of a
-    robot that diverged."""
+    """Robots without a finite gradient of physics have none of weights and no loss either: all become as
+    those of a robot that diverged."""
     at, d_physics, best = batch.physics_offsets(True), launch.physics_gradients.values, launch.best.ravel()
     for r, status in enumerate(launch.status):
         own = d_physics[at[r] : at[r + 1]]

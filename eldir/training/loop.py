@@ -91,10 +91,11 @@ class TrainingResult:
     controllers: list[Controller]
     """The controller with the least loss, of each robot."""
     status: IntArray
-    """Status of each robot: -1, -3 if its gradient overflowed, or the step at which it diverged, shape (n,)."""
+    """Status of each robot: -1, -3 if its gradient overflowed, or the step at which it diverged, shape
+    (n,)."""
     growth: FloatArray
-    """Growth of the gradient of each loss (`eldir.rollout.LossesAndGradients`), shape (n, iterations + 1): the greatest
-    over the sampled physics, 0 where there was no gradient."""
+    """Growth of the gradient of each loss (`eldir.rollout.LossesAndGradients`), shape (n, iterations + 1):
+    the greatest over the sampled physics, 0 where there was no gradient."""
     rounded: BoolArray
     """Whether rounding may dominate the gradient of each loss, shape (n, iterations + 1)."""
 
@@ -196,7 +197,7 @@ def descend(
 
 
 def _first_divergence(status: IntArray) -> int:
-    """The status of several robots with one body: the first step at which one of them diverged, or else what is
-    wrong with one of them."""
+    """The status of several robots with one body: the first step at which one of them diverged, or else
+    what is wrong with one of them."""
     diverged = status[status >= 0]
     return int(diverged.min() if len(diverged) else status.min())

@@ -1,4 +1,5 @@
-"""Scenes at the edge of what can be computed: five with a name, and random ones; and what must hold in each."""
+"""Scenes at the edge of what can be computed: five with a name, and random ones; and what must hold in
+each."""
 
 from __future__ import annotations
 
@@ -46,7 +47,8 @@ class Extreme:
     ) -> Extreme:
         """Random robots at a height over the ground [m], with an initial velocity [m/s]."""
         bodies = [
-            replace(body, positions=body.positions + [0, height]) for body in robots(SMALL, n, seed, scene)[0]
+            replace(body, positions=body.positions + np.array([0, height]))
+            for body in robots(SMALL, n, seed, scene)[0]
         ]
         owns = [
             Physics.of(body, scene).replace(velocities=np.tile(speed, (len(body.positions), 1)))
@@ -77,8 +79,8 @@ NASTY = {
 
 
 def random_extreme(seed: int) -> Extreme:
-    """Any ground, integrator and precision; stiffness, damping, gravity, steps, motors and weights over decades;
-    some robots high above the ground, fast, or with bodies at the edge."""
+    """Any ground, integrator and precision; stiffness, damping, gravity, steps, motors and weights over
+    decades; some robots high above the ground, fast, or with bodies at the edge."""
     rng = np.random.default_rng(seed)
 
     def decades(low: float, high: float) -> float:
@@ -87,7 +89,8 @@ def random_extreme(seed: int) -> Extreme:
     steps = int(decades(1, 1000))
     scene = PAPER.replace(
         stiffness=decades(1e1, 1e8), damping=rng.choice([0.0, decades(1e-2, 1e3)]), steps=steps,
-        gravity=-rng.choice([0.0, decades(0.1, 1e4)]), actuation=rng.choice([0.1, 0.9]), omega=decades(1, 1e4),
+        gravity=-rng.choice([0.0, decades(0.1, 1e4)]), actuation=rng.choice([0.1, 0.9]),
+        omega=decades(1, 1e4),
         dt=decades(1e-6, 1e-2), sensing=rng.choice(["centre", "centre-and-rest", "none"]),
         precision=rng.choice(["f32", "f64"]), integrator=rng.choice(get_args(Integrator)), large_step="run",
     )  # fmt: skip

@@ -189,7 +189,8 @@ def sum_partial(thread, b: ti.template()):
 
 @ti.func
 def write_loss(thread, b: ti.template()):
-    """Writes the loss, minus the mean forward displacement. Where no gradient follows, keeps the best weights."""
+    """Writes the loss, minus the mean forward displacement. Where no gradient follows, keeps the best
+    weights."""
     settings = ti.static(b.launch.settings)
     loss = -total(b, 0) * b.robot.inverse_count
     if loss * loss < MAX_SQUARE:

@@ -19,8 +19,8 @@ from eldir.engine.grid import FAMILIES
 from eldir.engine.kernels.contact import FRICTION
 from eldir.engine.kernels.layout import SCALARS, State, read_row
 from eldir.engine.kernels.learning_launch import Robot, constants
-from eldir.engine.kernels.simd import Simd, tanh_of
 from eldir.engine.kernels.memory import reread
+from eldir.engine.kernels.simd import Simd, tanh_of
 from eldir.engine.runtime import argument_types, make_kernel
 from eldir.validity import OK
 
@@ -93,7 +93,8 @@ def kernels(precision: str, threads: int, on_device: bool = True) -> Kernels:
                 decay = launch.arrays.scalars[SCALARS * at.robot]
                 gravity_dt = launch.arrays.scalars[SCALARS * at.robot + 1]
                 friction = launch.arrays.scalars[SCALARS * at.robot + 2]
-                # The greatest speed is read where it is used: a register for the whole pass would make others spill.
+                # The greatest speed is read where it is used: a register for the whole pass would make
+                # others spill.
                 scalars_of_robot = ti.static(
                     (decay, gravity_dt, friction, reread(launch.arrays.scalars, SCALARS * at.robot + 3))
                 )

@@ -25,8 +25,8 @@ STATE = 4
 LARGEST_GRADIENT = 6
 """Where the carry holds the greatest gradient of a position in a reverse sweep."""
 CARRY = LARGEST_GRADIENT + 1
-"""Values of a mass that one launch leaves to the next: its state, or the gradients of it, the two velocities of
-the adjacent step, and the greatest gradient of its position."""
+"""Values of a mass that one launch leaves to the next: its state, or the gradients of it, the two
+velocities of the adjacent step, and the greatest gradient of its position."""
 
 
 class Values(NamedTuple):

@@ -78,7 +78,8 @@ class DeviceLaunch(NamedTuple):
     g_weights: Numbers
     history: Numbers
     carry: Numbers
-    """State or gradient of every cell, which one launch leaves to the next, and the cell's greatest gradient."""
+    """State or gradient of every cell, which one launch leaves to the next, and the cell's greatest
+    gradient."""
     losses: Numbers
     """(robots, iterations + 1) [m]."""
     growth: Numbers

@@ -17,10 +17,11 @@ LANES = 16
 CPG_ROWS = 16
 """The ten central pattern generators, padded."""
 SCALARS = 4
-"""Number of scalars of a robot: decay of its velocities and gravity in a step, friction, greatest squared speed."""
+"""Number of scalars of a robot: decay of its velocities and gravity in a step, friction, greatest squared
+speed."""
 CHUNK = 50
-"""Number of steps whose weight gradients are summed as one matrix product, and after which the reverse sweep looks
-how large the gradient of the positions has become."""
+"""Number of steps whose weight gradients are summed as one matrix product, and after which the reverse
+sweep looks how large the gradient of the positions has become."""
 
 
 class RobotOffsets(NamedTuple):

@@ -75,8 +75,8 @@ def learning_kernel(precision: str) -> Callable[[LearningLaunch], None]:
 
 @ti.func
 def train(body: ti.template(), launch: ti.template(), r, at: ti.template(), history: ti.template()):
-    """Rollouts, gradients and updates of one robot; returns its status. A loss whose gradient is not finite does
-    not count."""
+    """Rollouts, gradients and updates of one robot; returns its status. A loss whose gradient is not finite
+    does not count."""
     settings, n, weights = ti.static(launch.settings, body.n, body.weights)
     robot = ti.static(body._replace(d_physics=physics_gradients_view(launch, n, at)))
     cotangents = ti.static(cotangents_view(launch, at))
@@ -208,7 +208,8 @@ def differentiate(robot: ti.template(), history: ti.template(), cotangents: ti.t
     with respect to physics into `d_physics`: the reverse sweep. With a window, the gradient is that of the
     displacements in all windows, each traced back to its own beginning only.
 
-    Returns the greatest gradient of a position, looked at every `CHUNK` steps and at the beginning of windows."""
+    Returns the greatest gradient of a position, looked at every `CHUNK` steps and at the beginning of
+    windows."""
     n, work, g = ti.static(robot.n, robot.work, robot.work.g)
     controlled = n.motors > 0 or robot.control_passive
     for i in range(n.weight_rows):
@@ -284,7 +285,8 @@ def squared_norm(simd: ti.template(), g: ti.template(), rows, bias_gain):
 
 @ti.func
 def update_weights(weights: ti.template(), g: ti.template(), square, rows, rule: ti.template()):
-    """A step against the gradient with this squared norm, always of the same length (paper, Sect. Learning)."""
+    """A step against the gradient with this squared norm, always of the same length (paper, Sect.
+    Learning)."""
     step = rule.length / (ti.sqrt(square) + rule.min_gradient)
     bias = g.b1.row[0]
     for i in range(rows):

@@ -163,8 +163,8 @@ class LearningLaunch(NamedTuple):
     """For each robot -1, -3 if its gradient is not finite, or the step at which it diverged."""
     record: Lanes
     growth: Values
-    """(robots, iterations + 1): how many times larger the gradient of a position became in a reverse sweep than at
-    its beginning; 0 where there was none."""
+    """(robots, iterations + 1): how many times larger the gradient of a position became in a reverse sweep
+    than at its beginning; 0 where there was none."""
     physics_gradients: ValuesAndLanes
     """Gradients with respect to physics (`layout.PhysicsGradients`)."""
     cotangents: Lanes
@@ -275,8 +275,8 @@ def constants(
 
 
 def robot_view(
-    simd: Simd, launch: LearningLaunch, scalars: tuple[Any, Any, Any, Any], n: layout.Size, inverse_count: Any,
-    at: layout.RobotOffsets,
+    simd: Simd, launch: LearningLaunch, scalars: tuple[Any, Any, Any, Any], n: layout.Size,
+    inverse_count: Any, at: layout.RobotOffsets,
 ) -> Robot:  # fmt: skip
     """The robot whose arrays begin at these offsets."""
     own = launch.arrays

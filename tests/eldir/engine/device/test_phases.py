@@ -241,8 +241,8 @@ def test_a_robot_that_blows_up_leaves_the_others_alone(group: Robots) -> None:
 
 
 def test_a_robot_that_blew_up_on_the_cpu_has_no_loss_on_a_device(group: Robots) -> None:
-    """Near the limit of stability, where speeds grow slowly: a device must not call the distance that a part of the
-    robot has flown a walk."""
+    """Near the limit of stability, where speeds grow slowly: a device must not call the distance that a
+    part of the robot has flown a walk."""
     bodies, brains = group
     factors = np.linspace(1.38, 1.52, 25)
     own = Physics.of(bodies[2], PAPER)
