@@ -65,6 +65,9 @@ class LossesAndGradients(tuple[FloatArray, list[Controller]]):
         found.status, found.growth, found.chaotic, found.rounded = status, growth, is_chaotic(growth), rounded
         return found
 
+    def __getnewargs__(self) -> tuple[Any, ...]:  # for pickle and copy
+        return *self, self.status, self.growth, self.rounded
+
     def take(self, index: Sequence[int]) -> LossesAndGradients:
         """Those of some robots."""
         losses, gradients = self

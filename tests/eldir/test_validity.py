@@ -1,5 +1,7 @@
 """Status and flags of results at the edge of what can be computed."""
 
+import pickle
+
 import numpy as np
 import pytest
 
@@ -46,6 +48,10 @@ def test_the_paper_s_robots_are_seldom_flagged() -> None:
     found = loss_and_gradient(*robots(SMALL, 40, 2, PAPER), PAPER)
     assert (found.status == OK).all() and found.chaotic.mean() < 0.2 and found.rounded.mean() < 0.4
     assert (found.growth >= 1).all() and np.median(found.growth) < 1e3
+    again = pickle.loads(pickle.dumps(found))
+    for key in ("status", "growth", "chaotic", "rounded"):
+        assert np.array_equal(getattr(again, key), getattr(found, key))
+    assert again[1] == found[1] and np.array_equal(again[0], found[0])
 
 
 def test_a_chaotic_gradient_is_the_slope_over_a_tiny_change_only() -> None:
