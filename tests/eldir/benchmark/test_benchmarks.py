@@ -64,7 +64,8 @@ def test_the_speed_of_a_device_is_written_as_its_schema_says(tmp_path: Path, mon
     monkeypatch.setattr(device, "device_label", lambda: "a GPU")
     monkeypatch.setattr(device, "_seconds", lambda t: 1 + 1e-4 * len(t.sizes) * t.settings.iterations)
     losses = np.array([[0.0, -1.0], [0.0, -3.0]])
-    monkeypatch.setattr(device, "compute", lambda task: DeviceResult(losses, np.full(2, -1), task.weights))
+    result = DeviceResult(losses, np.full(2, -1), np.zeros(1), np.ones((2, 2)))
+    monkeypatch.setattr(device, "compute", lambda task: result._replace(best=task.weights))
     said: list[str] = []
     values = device.measure(True, said.append)
     save(tmp_path / "out", "device", values, device.plot(values))
