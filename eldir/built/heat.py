@@ -175,11 +175,11 @@ class HeatModel:
         conductance = gather("neighbour_conductance")
         self._exchange_rate = _NEIGHBOURS * float((conductance / self._sensible).max(initial=0.0))  # [1/s]
         self._exchange: _Exchange | None = None
+        if hubs is not None:
+            require_shape("hubs", np.shape(hubs), (len(conductance), 2))
         if conductance.any() and len(conductance) > 1:
-            require_value(
-                "hubs", hubs is not None, "those of each spring, where heat passes between springs", hubs,
-                "pass hubs=body.motor_hubs",
-            )  # fmt: skip
+            expected, remedy = "those of each spring, between which heat passes", "pass hubs=body.motor_hubs"
+            require_value("hubs", hubs is not None, expected, "none", remedy)
             self._exchange = _Exchange(conductance, np.asarray(hubs))
 
     def with_ambient(self, ambient: FloatArray) -> HeatModel:
@@ -253,11 +253,8 @@ class HeatModel:
 
     def _heat_together(self, on: FloatArray, dt: float, parts: int, state: SpringState) -> FloatArray:
         """Temperatures, fractions and currents after every `parts` steps of `dt` [s], shape (3, T, A)."""
-        temperature, xi, cosines = (
-            state.temperature,
-            state.martensite,
-            self._kinetics.cosines(state.temperature),
-        )
+        temperature, xi = state.temperature, state.martensite
+        cosines = self._kinetics.cosines(temperature)
         found = np.empty((3, *on.shape))
         for t, closed in enumerate(on):
             charge = np.zeros(len(temperature))
@@ -265,9 +262,7 @@ class HeatModel:
                 resistance = self._r_hot + self._r_change * xi
                 current = np.minimum(self._most, self._voltage / (resistance + self._lead))
                 heat, now = closed * current**2 * resistance, (temperature, xi, cosines)
-                if (
-                    self._exchange is not None
-                ):  # Heun's method: what flows between springs at both ends of the step
+                if self._exchange is not None:  # Heun's method: the mean of what flows before and after
                     received = self._exchange.received(temperature)
                     then, _, _ = self._step(*now, heat + received, dt)
                     heat = heat + (received + self._exchange.received(then)) / 2
@@ -375,8 +370,6 @@ def heat(
     require_value("dt", 0 < dt < np.inf, "more than 0 s", dt)
     if state is not None:
         require_count("temperatures in the state", len(state.temperature), len(each), "spring")
-    if hubs is not None:
-        require_shape("hubs", np.shape(hubs), (len(each), 2))
     return HeatModel(each, hubs=hubs).run(on, dt, state, many=many)
 
 
