@@ -156,7 +156,7 @@ def _heated(
     """The samples of a robot, and the free lengths of their springs."""
     samples = NominalRobots(robot.body, nominal).samples(_SAMPLES, _SEED)
     heated = [(robot.gait, s.motor_springs(robot.body.motors)) for s in samples]
-    return samples, free_lengths_batch(heated, cycles)
+    return samples, free_lengths_batch(heated, cycles, hubs=[robot.body.motor_hubs] * len(heated))
 
 
 def _row(walks: np.ndarray, exact: np.ndarray, seconds: np.ndarray) -> dict[str, float]:

@@ -253,7 +253,8 @@ def _simulation_arguments(
     body = common.morphology
     built = [build(body, robot, ballast=common.ballast) for robot in robots]
     springs = [robot.motor_springs(body.motors) for robot in robots]
-    tables = free_lengths_batch([(gait, own) for gait in gaits for own in springs], cycles)
+    heated = [(gait, own) for gait in gaits for own in springs]
+    tables = free_lengths_batch(heated, cycles, hubs=[body.motor_hubs] * len(heated))
     free = [common.free_lengths_of(robot) for robot in robots]
     return built * len(gaits), tables, cycles, free * len(gaits)
 

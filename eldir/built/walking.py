@@ -81,7 +81,8 @@ def walk(
     require_count("gaits", len(gaits), len(every))
     spring = springs or SpringParameters()
     heated = [(own, [spring] * int(robot.active.sum())) for own, robot in zip(gaits, every, strict=True)]
-    tables = free_lengths_batch(heated, cycles)
+    hubs = [robot.springs[robot.active] for robot in every]
+    tables = free_lengths_batch(heated, cycles, hubs=hubs)
     walks = displacements(every, tables, cycles, (spring.cold_length, spring.hot_length))
     return float(walks[0]) if alone else walks
 

@@ -120,5 +120,6 @@ def _walks(
     robots = [build(trial.body, s) for (trial, _, _), s in zip(lanes, samples, strict=True)]
     springs = [s.motor_springs(trial.body.motors) for (trial, _, _), s in zip(lanes, samples, strict=True)]
     heated = [(gait, own) for (_, gait, _), own in zip(lanes, springs, strict=True)]
-    tables = free_lengths_batch(heated, cycles, many=True)  # a cluster's workers have few of them
+    hubs = [trial.body.motor_hubs for trial, _, _ in lanes]
+    tables = free_lengths_batch(heated, cycles, many=True, hubs=hubs)  # a cluster's workers have few of them
     return displacements(robots, tables, cycles, robots_of[0].free_lengths, mass_scaling, _MAX_COIL_LOAD)

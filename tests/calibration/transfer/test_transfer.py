@@ -156,6 +156,16 @@ def test_motors_follow_the_mean_of_two_springs_that_the_seed_gives() -> None:
     assert one[0] == pytest.approx([np.mean(cold[:2]), np.mean(cold[2:])])
 
 
+def test_heat_passes_between_the_springs_of_each_face() -> None:
+    springs = SpringParameters(neighbour_conductance=0.02)
+    hubs = np.array([[0, 1], [1, 2]])
+    found = sample_heating(GAIT, 1, springs, 1, hubs).lengths
+    drawn = np.random.default_rng([1, 3])
+    own = [springs.perturb(drawn) for _ in range(4)]  # front and back of the first motor, then of the second
+    front, back = (free_lengths(GAIT, own[face::2], 1, hubs=hubs).lengths for face in (0, 1))
+    assert np.array_equal(found, np.stack([front, back]).mean(axis=0))
+
+
 @pytest.mark.parametrize("fault", ["turns over", "folds", "buckles a coil"])
 def test_what_falls_folds_or_buckles_does_not_walk(fault: str) -> None:
     body = walker().morphology
