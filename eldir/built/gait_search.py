@@ -31,7 +31,7 @@ Stage = Callable[[str], None]
 EVOLVED = "evolved"
 """Method of a gait that evolved with its design."""
 _SAMPLES = 8  # robots that try each period and duty
-_CYCLES, _HEAVIER = 1, 9.0  # counted cycles and mass scaling of robots with hubs, where a gait is chosen
+_CYCLES = 1  # counted cycles where a gait is chosen
 _NEAR = 0.05  # change of phase that other times may need: half the width of the peak
 _LONGER, _SHORTER = 1.25, 0.85
 _PREDICTING = "predicting the walks of {} samples"
@@ -150,7 +150,7 @@ def fit_evolved_gait(
     if not allowed:
         return own, ""  # the compiler says which limit forbids it
     # Other samples than those for which the walk is then predicted.
-    walks = sample_walks(robots, allowed, _SAMPLES, seed + 1, cycles=_CYCLES, mass_scaling=_HEAVIER)
+    walks = sample_walks(robots, allowed, _SAMPLES, seed + 1, cycles=_CYCLES, coarse=True)
     best = allowed[int(np.argmax([found.fitness for found in walks]))]
     reason = f"the rig does not allow the evolved {_describe_times(own)}; {_describe_times(best)} instead"
     return best, reason
@@ -172,18 +172,16 @@ def search_gait(design: Design, limits: HeatingLimits, seed: int = 0, stage: Sta
     samples around it farthest. A robot that falls counts as not walking.
 
     All relative phases are tried at the usual period and duty; the best of them again at the springs'
-    own timing, with longer pauses and with shorter heating. One cycle counts, of robots with nine times the
-    inertia: the walk that is predicted for the chosen gait is simulated anew.
+    own timing, with longer pauses and with shorter heating. One cycle counts, of coarse robots
+    (`PrintedRobot.coarse`): the walk that is predicted for the chosen gait is simulated anew.
     """
     stage("simulating the printed robot with all phases")
     robots, phases = nominal_robots(design, limits), _phases(design.morphology.motors, limits)
-    best = phases[
-        int(np.argmax(simulate_most_probable(robots, phases, cycles=_CYCLES, mass_scaling=_HEAVIER)))
-    ]
+    best = phases[int(np.argmax(simulate_most_probable(robots, phases, cycles=_CYCLES, coarse=True)))]
     tried = [best, *_retime(best, limits, limits.springs)]
     # Other samples than those for which the walk is then predicted.
     sampled = sample_walks_in_turn(
-        robots, tried, _SAMPLES, seed + 1, stage, _OTHER_TIMES, cycles=_CYCLES, mass_scaling=_HEAVIER
+        robots, tried, _SAMPLES, seed + 1, stage, _OTHER_TIMES, cycles=_CYCLES, coarse=True
     )
     return tried[int(np.argmax([found.expected for found in sampled]))]
 
@@ -196,13 +194,13 @@ def sample_walks_in_turn(
     stage: Stage,
     what: str,
     cycles: int | None = None,
-    mass_scaling: float = 1.0,
+    coarse: bool = False,
 ) -> list[SampledWalks]:
     """`sample_walks`, gait by gait: where springs cool slowly, each takes a minute or more."""
     found: list[SampledWalks] = []
     for number, gait in enumerate(gaits, start=1):
         stage(f"{what}: gait {number} of {len(gaits)}, {gait.period:g} s a cycle")
-        found += sample_walks(robots, [gait], samples, seed, cycles=cycles, mass_scaling=mass_scaling)
+        found += sample_walks(robots, [gait], samples, seed, cycles=cycles, coarse=coarse)
     return found
 
 

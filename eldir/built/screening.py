@@ -15,7 +15,7 @@ from itertools import product
 import numpy as np
 
 from eldir.built.gait import CYCLES, DUTY, PERIOD, FreeLengths, Gait, free_lengths
-from eldir.built.robot import build, count_mechanisms, find_shape_fault, static_margin
+from eldir.built.robot import SOFT_TENSION, build, count_mechanisms, find_shape_fault, static_margin
 from eldir.built.walking import displacements
 from eldir.core.records import FloatArray, Record
 from eldir.morphology import Morphology
@@ -25,7 +25,6 @@ from eldir.parameters.springs import SpringParameters
 MARGIN = 0.02
 """Required static margin [m]; 0.03 is safe."""
 PHASES = 8
-_SOFT = 20e3  # tension of the strips in the first pass [N/m]
 _SOFT_CYCLES = 2
 _EXACT = 12  # designs that the second pass takes
 _AT_ONCE = 8  # designs that are driven between two calls of `progress`
@@ -108,7 +107,7 @@ def screen(
                 progress(0.5 * exact + 0.5 * (first + len(together)) / len(chosen))
 
     standing = [s.index for s in found if not s.rejected]
-    simulate_phases(standing, replace(p, tension=min(_SOFT, p.tension)), _SOFT_CYCLES, False)
+    simulate_phases(standing, replace(p, tension=min(SOFT_TENSION, p.tension)), _SOFT_CYCLES, False)
     simulate_phases(sorted(standing, key=lambda i: -found[i].best)[:_EXACT], p, CYCLES, True)
     return found
 
@@ -116,7 +115,7 @@ def screen(
 def simulate_soft_walks(morphologies: Sequence[Morphology], phases: int = PHASES) -> FloatArray:
     """The first pass alone: displacement of every design in its best phase, with soft strips [body lengths
     per five cycles], shape (n,); minus infinity if it fell or folded in all phases."""
-    soft, spring = replace(BuiltParameters(), tension=_SOFT), SpringParameters()
+    soft, spring = replace(BuiltParameters(), tension=SOFT_TENSION), SpringParameters()
     best = np.full(len(morphologies), -np.inf)
     for first in range(0, len(morphologies), _AT_ONCE):
         pairs = [

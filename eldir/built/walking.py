@@ -92,18 +92,17 @@ def displacements(
     tables: Sequence[FreeLengths],
     cycles: int,
     free: tuple[float, float] | Sequence[tuple[float, float]],
-    mass_scaling: float = 1.0,
     max_coil_load: float = 1.0,
 ) -> FloatArray:
     """Displacement under prescribed free lengths [body lengths per five cycles], shape (n,); minus infinity
     if the robot fell or folded, or if a coil buckled: then nothing is predicted.
 
-    `free`: cold and hot free length [m], and `mass_scaling`, as `drive` takes them. `max_coil_load`: the
-    compression of a coil that counts as buckling, over that at which it buckles; less than one is a margin.
+    `free`: cold and hot free length [m], as `drive` takes it. `max_coil_load`: the compression of a coil that
+    counts as buckling, over that at which it buckles; less than one is a margin.
     """
     if not robots:
         return np.zeros(0)
-    motions = _simulate(robots, tables, _SAMPLE, free, mass_scaling)
+    motions = _simulate(robots, tables, _SAMPLE, free)
     return np.array(
         [_displacement(*one, cycles, max_coil_load) for one in zip(robots, motions, tables, strict=True)]
     )
@@ -114,13 +113,12 @@ def displacements_and_ties(
     tables: Sequence[FreeLengths],
     cycles: int,
     free: tuple[float, float] | Sequence[tuple[float, float]],
-    mass_scaling: float = 1.0,
 ) -> tuple[FloatArray, FloatArray]:
     """`displacements`, and the share of ties of each robot after its first cycle
     (`tie_share`), shape (n,) each; NaN where the robot fell or folded."""
     if not robots:
         return np.zeros(0), np.zeros(0)
-    motions = _simulate(robots, tables, _FINE_SAMPLE, free, mass_scaling)
+    motions = _simulate(robots, tables, _FINE_SAMPLE, free)
     walks, ties = np.zeros(len(robots)), np.full(len(robots), np.nan)
     for r, (robot, motion, table) in enumerate(zip(robots, motions, tables, strict=True)):
         part = slice(None, None, _SAMPLE // _FINE_SAMPLE)
@@ -136,10 +134,9 @@ def _simulate(
     tables: Sequence[FreeLengths],
     every: int,
     free: tuple[float, float] | Sequence[tuple[float, float]],
-    mass_scaling: float,
 ) -> list[PrintedMotion]:
     lengths, interval = [t.lengths for t in tables], tables[0].interval
-    return drive(robots, lengths, interval, every=every, free=free, mass_scaling=mass_scaling)
+    return drive(robots, lengths, interval, every=every, free=free)
 
 
 def _displacement(
