@@ -84,6 +84,11 @@ class Terrain(Record):
         """Whether the whole ground is one level line."""
         return len(self.x0) == 1 and self.slope[0] == 0.0
 
+    def scaled(self, factor: float) -> Terrain:
+        """The terrain, this many times as large. A printed robot is `BuiltParameters.scale` times as large as
+        a robot of the paper; on the terrain that is scaled so, it meets the same steps."""
+        return Terrain(factor * self.x0, self.slope.copy(), factor * self.intercept)
+
     def height(self, x: FloatArray) -> FloatArray:
         """Height of the ground [m] under each x [m], any shape."""
         x = np.asarray(x, dtype=np.float64)

@@ -19,6 +19,7 @@ from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
 from eldir.rollout import loss_and_gradient
 from eldir.scene import Scene
+from eldir.terrain import Terrain
 from eldir.training.fitting import motion_gradient
 from tests.eldir.built.braced_robots import COLD, braced
 from tests.eldir.engine.random_robots import SMALL, robots
@@ -36,14 +37,14 @@ def physical(precision: str, contact: str) -> None:
     motion_gradient(*robots(SMALL, 1, 1, scene), scene)
 
 
-def printed(parameters: BuiltParameters, sloped: bool) -> None:
+def printed(parameters: BuiltParameters, sloped: bool, terrain: Terrain | None = None) -> None:
     """A heated robot for an instant."""
     robot = build(braced(), RobotParameters(parameters))
     lengths = np.full((2, 1), COLD)
     if sloped:
-        sensitivities([DriveInputs(robot, lengths, 1e-3)], [["friction"]])
+        sensitivities([DriveInputs(robot, lengths, 1e-3, terrain=terrain)], [["friction"]])
     else:
-        drive([robot], [lengths], 1e-3)
+        drive([robot], [lengths], 1e-3, terrain=terrain)
 
 
 PINS = BuiltParameters()
@@ -65,6 +66,8 @@ KERNELS = [
     (printed, PINS, False),
     (printed, BuiltParameters.clamped(), True),
     (printed, BuiltParameters.clamped(), False),
+    (printed, PINS, False, Terrain.flat()),
+    (printed, PINS.with_hubs(), False, Terrain.flat()),
 ]
 
 

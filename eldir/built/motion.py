@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from eldir.built.ground import check_terrain, place
 from eldir.built.robot import PrintedRobot, rest_state
 from eldir.built.stability import STICKS, stable_step, stable_step_in_any_pose
 from eldir.core.arguments import require_count, require_shape, require_value, require_whole_number
@@ -15,6 +16,7 @@ from eldir.core.records import FloatArray, Record
 from eldir.errors import EldirError
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.springs import SpringParameters
+from eldir.terrain import Terrain
 
 if TYPE_CHECKING:
     from eldir.engine.built.motion_batch import MotionInputs
@@ -53,6 +55,7 @@ def drive(
     every: int = 1,
     step: float | None = None,
     free: tuple[float, float] | Sequence[tuple[float, float]] = FREE,
+    terrain: Terrain | None = None,
 ) -> list[PrintedMotion]:
     """Move robots by prescribed free lengths of their active springs, side by side.
 
@@ -61,22 +64,33 @@ def drive(
     motions, to continue them. `step` [s]: the largest integration step; by default 0.95 of what is stable in
     any pose. `free`: cold and hot free length [m], between which the stiffness goes from cold to hot, for all
     robots or for each. For choices among many, drive `PrintedRobot.coarse`: it takes an eighth of the time.
-    Raises `InputError` for a table or a state of the wrong shape, an interval, a step or an `every` that is
-    not positive, or a hot free length that is not longer; `EldirError` for a step that is not stable.
+    `terrain`: the ground, by default the table y = 0; robots without a state begin where
+    `eldir.built.ground.place` puts them. Raises `InputError` for a table or a state of the wrong shape, an
+    interval, a step or an `every` that is not positive, a hot free length that is not longer, and a terrain
+    that is too steep or too fine; `EldirError` for a step that is not stable.
     """
     from eldir.engine.built import motion_batch
 
     check_tables(robots, lengths)
     check_states(robots, states)
     every = check_times([interval] * len(robots), every, step)
+    if terrain is not None:
+        check_terrain(terrain)
     if not robots:
         return []
     ranges = free_ranges(free, len(robots))
+    starts = states if states is not None else [place(robot, terrain) for robot in robots]
     members = [
-        pack(robot, np.asarray(table, np.float64), interval, substeps(robot, interval, step), ends, state)
-        for robot, table, ends, state in zip(
-            robots, lengths, ranges, states if states is not None else map(rest_state, robots), strict=True
+        pack(
+            robot,
+            np.asarray(table, np.float64),
+            interval,
+            substeps(robot, interval, step),
+            ends,
+            state,
+            terrain,
         )
+        for robot, table, ends, state in zip(robots, lengths, ranges, starts, strict=True)
     ]
     motions = []
     for x, rotations, end, diverged, _ in motion_batch.run_motions(members, every):
@@ -139,6 +153,7 @@ def pack(
     steps: int,
     free: tuple[float, float],
     state: FloatArray,
+    terrain: Terrain | None = None,
 ) -> MotionInputs:
     """The inputs of the engine for one robot, with `steps` integration steps in an interval."""
     from eldir.engine.built.motion_batch import MotionInputs
@@ -159,6 +174,7 @@ def pack(
         springs=robot.springs[order],
         direction=robot.directions[order],
         joints=robot.joints,
+        terrain=terrain,
         values=RobotArrays(
             numbers=np.array([*numbers, *(getattr(p, name) for name in PARAMETERS)]),
             state=state,

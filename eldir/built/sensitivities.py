@@ -34,6 +34,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from eldir.built.ground import check_terrain, place
 from eldir.built.motion import (
     FREE,
     OK,
@@ -49,6 +50,7 @@ from eldir.core.arguments import require_count, require_known, require_shape, re
 from eldir.core.records import FloatArray, Record
 from eldir.errors import InputError
 from eldir.parameters.printed import BuiltParameters
+from eldir.terrain import Terrain
 
 if TYPE_CHECKING:
     from eldir.engine.built.motion_batch import MotionInputs, MotionResult
@@ -74,7 +76,14 @@ class DriveInputs:
     """Cold and hot free length [m]."""
     state: FloatArray | None = None
     """State at the start, such as that at the end of an earlier motion, shape (4 or 7, M); by default at
-    rest as assembled."""
+    rest as assembled, on the ground."""
+    terrain: Terrain | None = None
+    """The ground; by default the table y = 0."""
+
+    @property
+    def start(self) -> FloatArray:
+        """State at the start."""
+        return place(self.robot, self.terrain) if self.state is None else self.state
 
     @property
     def heated_fraction(self) -> FloatArray:
@@ -165,10 +174,12 @@ def _check_arguments(
     require_count("lists of parameters", len(parameters), len(drives), "drive")
     robots = [drive.robot for drive in drives]
     check_tables(robots, [drive.lengths for drive in drives])
-    check_states(robots, [rest_state(d.robot) if d.state is None else d.state for d in drives])
+    check_states(robots, [d.start for d in drives])
     for r, (drive, mine) in enumerate(zip(drives, parameters, strict=True)):
         require_value(f"parameters of drive {r}", mine, "at least one of " + ", ".join(MOTION_PARAMETERS))
         free_ranges(drive.free, 1)
+        if drive.terrain is not None:
+            check_terrain(drive.terrain)
         if state_tangents is not None:
             wanted = (len(mine), *rest_state(drive.robot).shape)
             require_shape(f"tangents of the state of drive {r}", np.shape(state_tangents[r]), wanted)
@@ -185,8 +196,7 @@ def _sensitivity(outcomes: Sequence[MotionResult], every: int, interval: float) 
 
 
 def _pack(drive: DriveInputs, steps: int) -> MotionInputs:
-    state = rest_state(drive.robot) if drive.state is None else drive.state
-    return pack(drive.robot, drive.lengths, drive.interval, steps, drive.free, state)
+    return pack(drive.robot, drive.lengths, drive.interval, steps, drive.free, drive.start, drive.terrain)
 
 
 def _tangent(
@@ -199,7 +209,7 @@ def _tangent(
 
     def at(h: float) -> RobotArrays:
         changed = parameter.change(drive, h)
-        state = rest_state(changed.robot) if changed.state is None else changed.state
+        state = changed.start
         values = _pack(replace(changed, state=state + h * d_state), steps).values
         return values._replace(state=state)  # without `d_state`, which needs no difference
 

@@ -10,11 +10,13 @@ from typing import overload
 import numpy as np
 
 from eldir.built.gait import CYCLES, FreeLengths, Gait, free_lengths_batch
+from eldir.built.ground import heights
 from eldir.built.motion import OK, PrintedMotion, drive
 from eldir.built.robot import PrintedRobot, min_area_ratio, min_mass_distance
 from eldir.core.arguments import require_count, require_whole_number
 from eldir.core.records import FloatArray
 from eldir.parameters.springs import SpringParameters
+from eldir.terrain import Terrain
 
 TOPPLED_ANGLE = np.deg2rad(45)
 """Rotation beyond which a body has fallen over [rad]."""
@@ -31,7 +33,12 @@ _CONTACT = 1e-4  # heights up to this count as on the table [m]
 
 @overload
 def walk(
-    robots: PrintedRobot, gait: Gait, springs: SpringParameters | None = None, *, cycles: int = CYCLES
+    robots: PrintedRobot,
+    gait: Gait,
+    springs: SpringParameters | None = None,
+    *,
+    cycles: int = CYCLES,
+    terrain: Terrain | None = None,
 ) -> float: ...
 
 
@@ -42,6 +49,7 @@ def walk(
     springs: SpringParameters | None = None,
     *,
     cycles: int = CYCLES,
+    terrain: Terrain | None = None,
 ) -> FloatArray: ...
 
 
@@ -51,6 +59,7 @@ def walk(
     springs: SpringParameters | None = None,
     *,
     cycles: int = CYCLES,
+    terrain: Terrain | None = None,
 ) -> float | FloatArray:
     """Forward displacement of printed robots with a gait [body lengths per five cycles].
 
@@ -58,6 +67,7 @@ def walk(
     means that the robot fell over, folded until parts touch, or that a coil buckled. `springs`: the
     parameters of all motors' springs, by default nominal ones on the nominal supply. The first cycle is not
     measured, so that temperatures repeat; then `cycles` are measured. All robots run side by side.
+    `terrain`: the ground, by default a table; see `eldir.built.ground`.
     Raises `InputError` for another number of gaits than robots, a gait of other motors, or no cycle.
 
     >>> import numpy as np
@@ -83,7 +93,8 @@ def walk(
     heated = [(own, [spring] * int(robot.active.sum())) for own, robot in zip(gaits, every, strict=True)]
     hubs = [robot.springs[robot.active] for robot in every]
     tables = free_lengths_batch(heated, cycles, hubs=hubs)
-    walks = displacements(every, tables, cycles, (spring.cold_length, spring.hot_length))
+    free = spring.cold_length, spring.hot_length
+    walks = displacements(every, tables, cycles, free, terrain=terrain)
     return float(walks[0]) if alone else walks
 
 
@@ -93,16 +104,18 @@ def displacements(
     cycles: int,
     free: tuple[float, float] | Sequence[tuple[float, float]],
     max_coil_load: float = 1.0,
+    terrain: Terrain | None = None,
 ) -> FloatArray:
     """Displacement under prescribed free lengths [body lengths per five cycles], shape (n,); minus infinity
     if the robot fell or folded, or if a coil buckled: then nothing is predicted.
 
-    `free`: cold and hot free length [m], as `drive` takes it. `max_coil_load`: the compression of a coil that
-    counts as buckling, over that at which it buckles; less than one is a margin.
+    `free`: cold and hot free length [m], and `terrain`, as `drive` takes them.
+    `max_coil_load`: the compression of a coil that counts as buckling, over that at which it buckles; less
+    than one is a margin.
     """
     if not robots:
         return np.zeros(0)
-    motions = _simulate(robots, tables, _SAMPLE, free)
+    motions = _simulate(robots, tables, _SAMPLE, free, terrain)
     return np.array(
         [_displacement(*one, cycles, max_coil_load) for one in zip(robots, motions, tables, strict=True)]
     )
@@ -113,19 +126,20 @@ def displacements_and_ties(
     tables: Sequence[FreeLengths],
     cycles: int,
     free: tuple[float, float] | Sequence[tuple[float, float]],
+    terrain: Terrain | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """`displacements`, and the share of ties of each robot after its first cycle
     (`tie_share`), shape (n,) each; NaN where the robot fell or folded."""
     if not robots:
         return np.zeros(0), np.zeros(0)
-    motions = _simulate(robots, tables, _FINE_SAMPLE, free)
+    motions = _simulate(robots, tables, _FINE_SAMPLE, free, terrain)
     walks, ties = np.zeros(len(robots)), np.full(len(robots), np.nan)
     for r, (robot, motion, table) in enumerate(zip(robots, motions, tables, strict=True)):
         part = slice(None, None, _SAMPLE // _FINE_SAMPLE)
         seconds = replace(motion, positions=motion.positions[part], rotations=motion.rotations[part])
         walks[r] = _displacement(robot, seconds, table, cycles)
         if np.isfinite(walks[r]):
-            ties[r] = tie_share(robot, motion.positions[table.first_cycle // _FINE_SAMPLE :])
+            ties[r] = tie_share(robot, motion.positions[table.first_cycle // _FINE_SAMPLE :], terrain)
     return walks, ties
 
 
@@ -134,9 +148,10 @@ def _simulate(
     tables: Sequence[FreeLengths],
     every: int,
     free: tuple[float, float] | Sequence[tuple[float, float]],
+    terrain: Terrain | None,
 ) -> list[PrintedMotion]:
     lengths, interval = [t.lengths for t in tables], tables[0].interval
-    return drive(robots, lengths, interval, every=every, free=free)
+    return drive(robots, lengths, interval, every=every, free=free, terrain=terrain)
 
 
 def _displacement(
@@ -207,7 +222,7 @@ def describe_ties(share: float) -> str:
     return f"{words} (above {MAX_TIE_SHARE:.0%} a prediction is doubtful)"
 
 
-def tie_share(robot: PrintedRobot, positions: FloatArray) -> float:
+def tie_share(robot: PrintedRobot, positions: FloatArray, terrain: Terrain | None = None) -> float:
     """Share of the feet's sliding during which both outer feet bear 45 to 55 per cent of the load; 0 for a
     robot that does not slide.
 
@@ -220,7 +235,7 @@ def tie_share(robot: PrintedRobot, positions: FloatArray) -> float:
     `positions` [m], shape (T, M, 2): a few instants in each second. The loads are those of a body at rest on
     its two outer feet (law of the lever).
     """
-    on_table = positions[..., 1] < _CONTACT
+    on_table = heights(positions, terrain) < _CONTACT
     touching = on_table[:-1] & on_table[1:]
     x = (positions[:-1, :, 0] + positions[1:, :, 0]) / 2
     slid = np.where(touching, np.abs(np.diff(positions[..., 0], axis=0)), 0.0).sum(axis=1)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from eldir.core.records import FloatArray
 from eldir.engine.kernels.contact import INFINITY
@@ -35,7 +35,11 @@ class PackedGround:
 def pack_ground(scene: Scene, grid: bool) -> PackedGround:
     """Cells overlap by half their width, so that rounding cannot put a mass outside of its own. Without the
     grid there is one cell, and masses remember nothing: they search all segments at every step."""
-    rows, real = _segments(scene), dtype(scene)
+    return pack_segments(_segments(scene), dtype(scene), grid)
+
+
+def pack_segments(rows: FloatArray, real: DTypeLike, grid: bool = True) -> PackedGround:
+    """The ground of segments given as rows x0, slope, intercept, level; see `pack_ground`."""
     x0 = rows[:, 0]
     ends = np.append(x0[1:], INFINITY) if grid else np.full(len(x0), -INFINITY)
     left, right = x0[min(1, len(x0) - 1)], x0[-1]

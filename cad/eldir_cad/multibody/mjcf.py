@@ -14,12 +14,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
 from eldir.core.records import FloatArray
+from eldir.terrain import Terrain
 from eldir_cad.multibody.hubs import Inertia, hub_name
 from eldir_cad.multibody.model import Coil, Hub, Multibody, Strip
 
@@ -31,6 +33,10 @@ _STICTION_ROTATION = math.radians(0.5)  # of a socket before its friction yields
 _HUB_DAMPING = 0.1  # damping ratio of a hub that oscillates within that rotation
 _HIDDEN_GROUP = "4"  # not drawn by MuJoCo's viewer by default
 _POINT_RADIUS = 1e-4  # radius of a hub that is a point [m]
+_BEYOND = 1.0  # length of the first and the last segment of a terrain [m]
+_MAX_PRISM = 0.05  # length of a piece of terrain [m]
+_DEPTH = 0.02  # of a piece under the lowest end of its neighbours [m]
+_HALF_WIDTH = 0.02  # of a piece [m]
 
 
 def _add_strip(tendons: Element, bodies: list[Element], model: Multibody, number: int, strip: Strip) -> None:
@@ -189,7 +195,11 @@ def mjcf_text(model: Multibody, name: str = "robot", meshes: Mapping[int, str] |
     world = add_element(root, "worldbody")
     table = {"type": "plane", "size": "3 1 0.1", "contype": "1", "conaffinity": "0", "condim": "3"}
     add_element(world, "light", pos="0 -1 2", dir="0 0.4 -1", directional="true")
-    add_element(world, "geom", name="table", rgba=".8 .8 .78 1", friction="0.001", **table)
+    looks = {"rgba": ".8 .8 .78 1", "friction": "0.001"}
+    if model.terrain is None:
+        add_element(world, "geom", name="table", **looks, **table)
+    else:
+        _add_terrain(assets, world, model.terrain, {**table, **looks, "type": "mesh"})
     bodies = [_add_hub(world, model, i, hub, i in (meshes or {})) for i, hub in enumerate(model.hubs)]
     tendons = add_element(root, "tendon")
     actuators = add_element(root, "actuator")
@@ -200,6 +210,24 @@ def mjcf_text(model: Multibody, name: str = "robot", meshes: Mapping[int, str] |
     _add_keyframe(root, model)
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="unicode") + "\n"
+
+
+def _add_terrain(assets: Element, world: Element, terrain: Terrain, attributes: Mapping[str, str]) -> None:
+    """A prism under each segment, down to below its neighbours; under a long one several, because MuJoCo
+    finds contacts of a small part with a large one less exactly."""
+    x = np.concatenate([[terrain.x0[0] - _BEYOND], terrain.x0[1:], [terrain.x0[-1] + _BEYOND]])
+    given = {key: value for key, value in attributes.items() if key != "size"}
+    heights, number = terrain.height(x), 0
+    for segment, (first, last) in enumerate(pairwise(x)):
+        bottom = heights[max(segment - 1, 0) : segment + 3].min() - _DEPTH
+        edges = np.linspace(first, last, math.ceil((last - first) / _MAX_PRISM) + 1)
+        for pair in pairwise(edges):
+            top = [terrain.slope[segment] * at + terrain.intercept[segment] for at in pair]
+            outline = [*zip(pair, top, strict=True), *((at, bottom) for at in pair[::-1])]
+            points = np.array([(at, side, z) for side in (-_HALF_WIDTH, _HALF_WIDTH) for at, z in outline])
+            add_element(assets, "mesh", name=f"ground_{number:03d}", vertex=format_numbers(points.ravel()))
+            add_element(world, "geom", name=f"ground_{number:03d}", mesh=f"ground_{number:03d}", **given)
+            number += 1
 
 
 def _add_options(root: Element, model: Multibody) -> None:
@@ -233,7 +261,7 @@ def _add_options(root: Element, model: Multibody) -> None:
 
 def _add_hub(world: Element, model: Multibody, number: int, hub: Hub, has_mesh: bool) -> Element:
     name, inertia = hub_name(number), hub.inertia
-    at = [hub.position[0], 0.0, hub.position[1] + model.corner]
+    at = [hub.position[0], 0.0, hub.position[1] + model.corner + model.lift]
     body = add_element(world, "body", name=name, pos=format_numbers(at))
     drag = format_numbers([inertia.mass * model.drag])
     add_element(body, "joint", name=f"{name}_x", type="slide", axis="1 0 0", damping=drag)

@@ -13,9 +13,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from eldir.built.ground import check_terrain, find_lift
 from eldir.core.records import FloatArray
 from eldir.morphology import Morphology
 from eldir.parameters.printed import BuiltParameters
+from eldir.terrain import Terrain
 from eldir_cad.checks.strip_law import StripLaw, built_parameters
 from eldir_cad.geometry.assembly import assemble
 from eldir_cad.kit.printer import Printer
@@ -106,9 +108,18 @@ class Multibody:
     """Positive upwards [m/s2]."""
     tilt: float = 0.0
     """Forward slope of the table [rad]."""
+    terrain: Terrain | None = None
+    """The ground, as high as a corner that stands on it; by default the table at height 0."""
     backward_friction: float = 1.0
     """Friction of hubs that slide backward, as a multiple of that forward."""
     numerics: Numerics = field(default_factory=Numerics)
+
+    @property
+    def lift(self) -> float:
+        """Height by which the assembled robot is lifted until it touches the terrain [m]."""
+        if self.terrain is None:
+            return 0.0
+        return find_lift(np.array([hub.position for hub in self.hubs]), self.corner, self.terrain)
 
     def coil_commands(self, lengths: FloatArray, free: tuple[float, float]) -> tuple[FloatArray, FloatArray]:
         """Lengths between hinges [m] and stiffnesses [N/m] of the coils whose free lengths between centres
@@ -129,14 +140,18 @@ def build_multibody(
     strip_extensions: FloatArray | None = None,
     friction_factors: FloatArray | None = None,
     tilt: float = 0.0,
+    terrain: Terrain | None = None,
 ) -> Multibody:
     """The model of a design's robot.
 
     `parameters` of this robot; by default those that follow from the parts. `ballast` [kg] on each hub, shape
     (M,). `strip_extensions`: length of every strip beyond the drawing [m], shape (S,). `friction_factors`:
     friction of each hub as a multiple of `parameters.friction`, shape (M,). `tilt`: additional forward slope
-    of the table [rad].
+    of the table [rad]. `terrain`: the ground, in metres of the printed robot, as `eldir.built.motion.drive`
+    takes it. Raises `InputError` for one that is too steep or too fine.
     """
+    if terrain is not None:
+        check_terrain(terrain)
     nominal = built_parameters(spec, printer)
     robot = nominal if parameters is None else parameters
     count = len(morphology.positions)
@@ -163,6 +178,7 @@ def build_multibody(
         gravity=robot.gravity,
         tilt=robot.tilt + tilt,
         backward_friction=robot.backward_friction,
+        terrain=terrain,
     )
 
 

@@ -10,10 +10,22 @@ degrees they are right to 1e-5, at 45 degrees to 6e-4. Beyond a right angle they
 
 from typing import Any, NamedTuple
 
-from eldir.engine.built.dual import maximum, minimum, negative, polynomial, select, sqrt, variable, zero_like
+from eldir.engine.built.dual import (
+    callable_in_kernels,
+    maximum,
+    minimum,
+    negative,
+    polynomial,
+    select,
+    sqrt,
+    value_of,
+    variable,
+    zero_like,
+)
 from eldir.engine.built.integration import turn_hexagon
-from eldir.engine.built.motion_launch import ONE, ZERO
+from eldir.engine.built.motion_launch import ONE, ZERO, LaneVector
 from eldir.engine.built.strip import bending_angle, end_moments, interpolate, strip_tension
+from eldir.engine.built.terrain import is_near, lines_under, magnitude, min_gap
 from eldir.engine.compiler import ti
 
 _COS60, _SIN60 = 0.5, 0.75**0.5
@@ -144,21 +156,16 @@ def lowest_corner(cosine, sine):
 
 @ti.func
 def move_hubs(group: ti.template(), now: ti.template(), going):
-    """Semi-implicit Euler with drag, gravity, impulses, and the table under the lowest corner."""
+    """Semi-implicit Euler with drag, gravity, impulses, and the ground under the lowest corner."""
     for i in range(group.masses):
         w, wi = now.inverse_mass[i], now.inverse_inertia[i]
         before_x, before_y, before = now.vx[i], now.vy[i], now.spin[i]
         ux = now.numbers.decay * before_x + now.impulse_x[i] * w + now.numbers.gravity_tangent_dt
         uy = now.numbers.decay * before_y + now.impulse_y[i] * w + now.numbers.gravity_normal_dt
         turning = now.numbers.decay * before + now.moment[i] * wi
-        c, s = lowest_corner(now.cosine[i], now.sine[i])
-        rx, ry = now.parameters.corner * s, negative(now.parameters.corner * c)
-        height = now.y[i] + now.parameters.corner * (1.0 - c)
-        tangential, normal = ux - turning * ry, uy + turning * rx
         forward = now.friction[i]
         backward = forward * now.parameters.backward_friction
-        p, q = corner_contact(group, height, tangential, normal, rx, ry, w, wi, forward, backward)
-        vx, vy, spin = ux + w * p, uy + w * q, turning + wi * (rx * q - ry * p)
+        vx, vy, spin = stand_on_ground(group, now, i, ux, uy, turning, w, wi, forward, backward)
         now.x[i] = now.x[i] + select(going, group.dt * vx, ZERO)
         now.y[i] = now.y[i] + select(going, group.dt * vy, ZERO)
         now.vx[i] = select(going, vx, before_x)
@@ -169,9 +176,65 @@ def move_hubs(group: ti.template(), now: ti.template(), going):
         now.moment[i] = ZERO
 
 
+@callable_in_kernels
+def stand_on_ground(group, now, i, ux, uy, turning, w, wi, forward, backward):
+    """Velocity and spin of a hub after the impulses of the ground."""
+    stand = stand_on_terrain if group.terrain else stand_on_table
+    return stand(group, now, i, ux, uy, turning, w, wi, forward, backward)
+
+
+@ti.func
+def stand_on_table(group: ti.template(), now: ti.template(), i, ux, uy, turning, w, wi, forward, backward):
+    c, s = lowest_corner(now.cosine[i], now.sine[i])
+    rx, ry = now.parameters.corner * s, negative(now.parameters.corner * c)
+    height = now.y[i] + now.parameters.corner * (1.0 - c)
+    tangential, normal = ux - turning * ry, uy + turning * rx
+    p, q = corner_contact(group, height, tangential, normal, rx, ry, w, wi, forward, backward)
+    return ux + w * p, uy + w * q, turning + wi * (rx * q - ry * p)
+
+
+@ti.func
+def stand_on_terrain(group: ti.template(), now: ti.template(), i, ux, uy, turning, w, wi, forward, backward):
+    """The impulses on each lower corner, first of the segment that is under it, then of the one that will be
+    under it after the step."""
+    vx, vy, spin = variable(ux), variable(uy), variable(turning)
+    x, y, corner = now.x[i], now.y[i], now.parameters.corner
+    radius = value_of(corner)
+    ground = ti.static(group.ground)
+    speed = magnitude(value_of(ux)) + magnitude(value_of(uy)) + radius * magnitude(value_of(turning))
+    if is_near(ground, value_of(x), value_of(y), group.dt * speed):
+        for later in range(2):
+            seconds = LaneVector(ti.cast(later, ti.f64)) * group.dt
+            turn_c, turn_s = LaneVector(ground.first_cosine), LaneVector(ground.first_sine)
+            for _ in range(ground.corners):
+                c = turn_c * now.cosine[i] - turn_s * now.sine[i]
+                s = turn_s * now.cosine[i] + turn_c * now.sine[i]
+                rx, ry = corner * s, negative(corner * c)
+                at = value_of(x) + value_of(rx) + seconds * (value_of(vx) - value_of(spin) * value_of(ry))
+                line = ti.static(lines_under(ground, at))
+                height = (y + corner + ry - line.slope * (x + rx) - line.intercept) * line.ny
+                along, away = rx * line.ny - ry * line.nx, rx * line.nx + ry * line.ny
+                tangential = vx * line.ny - vy * line.nx - spin * away
+                normal = vx * line.nx + vy * line.ny + spin * along
+                gap = maximum(height, min_gap(group.dt))
+                p, q = corner_contact(group, gap, tangential, normal, along, away, w, wi, forward, backward)
+                vx = vx + w * (p * line.ny + q * line.nx)
+                vy = vy + w * (q * line.ny - p * line.nx)
+                spin = spin + wi * (along * q - away * p)
+                turn_c, turn_s = turn_next(ground, turn_c, turn_s)
+    return vx, vy, spin
+
+
+@ti.func
+def turn_next(ground: ti.template(), c, s):
+    """A rotation by 60 degrees more. The compilers keep constants with 32 bits, arguments with 64."""
+    cosine, sine = LaneVector(ground.next_cosine), LaneVector(ground.next_sine)
+    return cosine * c - sine * s, cosine * s + sine * c
+
+
 @ti.func
 def corner_contact(group: ti.template(), height, tangential, normal, rx, ry, w, wi, forward, backward):
-    """Impulses (along the table, up) on a corner at (rx, ry) from its hub's centre, `height` above the table,
+    """Impulses (along the ground, away) on a corner at (rx, ry) from its hub's centre, `height` above it,
     with these speeds: they end its fall within the step and stop it, or slow it as far as Coulomb friction
     does, with its coefficients for sliding forward and backward. w and wi are the hub's inverse mass and
     moment of inertia."""

@@ -1,34 +1,83 @@
 """Motion of the masses and hexagons of a group of printed robots in one step.
 
-The table is y = 0, with dry friction (Coulomb) that is not regularised. `now` are the group's values
-(`GroupArrays`), which are dual numbers where tangents are computed.
+The ground is the table y = 0 or a terrain (`terrain`), with dry friction (Coulomb) that is not regularised.
+`now` are the group's values (`GroupArrays`), which are dual numbers where tangents are computed.
 """
 
-from eldir.engine.built.dual import maximum, minimum, negative, select
+from eldir.engine.built.dual import (
+    callable_in_kernels,
+    maximum,
+    minimum,
+    negative,
+    select,
+    value_of,
+    variable,
+)
 from eldir.engine.built.motion_launch import ONE, ZERO
+from eldir.engine.built.terrain import any_positive, is_near, lines_under, magnitude, min_gap
 from eldir.engine.compiler import ti
 
 
 @ti.func
-def coulomb_contact(height, tangential, normal, forward, backward, dt):
-    """Speeds of a mass along the table and upwards after the table's impulse: it ends the fall within the
-    step, and slows the mass by at most its coefficient times that, `forward` or `backward` as it slides."""
+def coulomb_impulse(height, tangential, normal, forward, backward, dt):
+    """What the ground takes from a mass's speed along it, and adds to that away from it: it ends the fall
+    within the step, and slows the mass by at most its coefficient times that, `forward` or `backward` as it
+    slides."""
     normal_impulse = maximum(negative(height / dt) - normal, ZERO)
     limited = minimum(tangential, forward * normal_impulse)
-    friction_impulse = maximum(limited, negative(backward * normal_impulse))
-    return tangential - friction_impulse, normal + normal_impulse
+    return maximum(limited, negative(backward * normal_impulse)), normal_impulse
+
+
+@callable_in_kernels
+def meet_ground(group, now, i, wx, wy, forward, backward):
+    """Velocity of a mass after the impulses of the ground."""
+    return (meet_terrain if group.terrain else meet_table)(group, now, i, wx, wy, forward, backward)
+
+
+@ti.func
+def meet_table(group: ti.template(), now: ti.template(), i, wx, wy, forward, backward):
+    taken, added = coulomb_impulse(now.y[i], wx, wy, forward, backward, group.dt)
+    return wx - taken, wy + added
+
+
+@ti.func
+def meet_terrain(group: ti.template(), now: ti.template(), i, wx, wy, forward, backward):
+    """The impulses of the segment under the mass and, where it crosses a corner of the ground in this step,
+    of the segment to which it comes."""
+    vx, vy = variable(wx), variable(wy)
+    x, y, dt = now.x[i], now.y[i], group.dt
+    at = value_of(x)
+    if is_near(group.ground, at, value_of(y), dt * (magnitude(value_of(wx)) + magnitude(value_of(wy)))):
+        under = ti.static(lines_under(group.ground, at))
+        vx, vy = meet_line(under, x, y, vx, vy, forward, backward, dt)
+        ahead = at + dt * value_of(vx)
+        outside = ti.select(ahead >= under.start, ti.select(ahead < under.end, ZERO, ONE), ONE)
+        if any_positive(outside):
+            onto = ti.static(lines_under(group.ground, ahead))
+            ax, ay = meet_line(onto, x, y, vx, vy, forward, backward, dt)
+            vx, vy = select(outside > ZERO, ax, vx), select(outside > ZERO, ay, vy)
+    return vx, vy
+
+
+@ti.func
+def meet_line(line: ti.template(), x, y, vx, vy, forward, backward, dt):
+    """Velocity of a mass after the impulse of one line."""
+    gap = maximum((y - line.slope * x - line.intercept) * line.ny, min_gap(dt))
+    tangential, normal = vx * line.ny - vy * line.nx, vx * line.nx + vy * line.ny
+    taken, added = coulomb_impulse(gap, tangential, normal, forward, backward, dt)
+    return vx + added * line.nx - taken * line.ny, vy + added * line.ny + taken * line.nx
 
 
 @ti.func
 def move_masses(group: ti.template(), now: ti.template(), going):
-    """Semi-implicit Euler with drag, gravity, impulses and the table. Robots not `going` wait."""
+    """Semi-implicit Euler with drag, gravity, impulses and the ground. Robots not `going` wait."""
     for i in range(group.masses):
         w, before_x, before_y = now.inverse_mass[i], now.vx[i], now.vy[i]
         wx = now.numbers.decay * before_x + now.impulse_x[i] * w + now.numbers.gravity_tangent_dt
         wy = now.numbers.decay * before_y + now.impulse_y[i] * w + now.numbers.gravity_normal_dt
         forward = now.friction[i]
         backward = forward * now.parameters.backward_friction
-        vx, vy = coulomb_contact(now.y[i], wx, wy, forward, backward, group.dt)
+        vx, vy = meet_ground(group, now, i, wx, wy, forward, backward)
         now.x[i] = now.x[i] + select(going, group.dt * vx, ZERO)
         now.y[i] = now.y[i] + select(going, group.dt * vy, ZERO)
         now.vx[i] = select(going, vx, before_x)

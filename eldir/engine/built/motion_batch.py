@@ -13,17 +13,21 @@ from eldir.core.records import FloatArray, IntArray
 from eldir.engine.built.motion_kernel import motion_kernel
 from eldir.engine.built.motion_launch import (
     LANES,
+    PARAMETERS,
     RECORDED,
     LaneArrays,
+    MotionKind,
     MotionLaunch,
     RobotArrays,
     RobotNumbers,
 )
+from eldir.engine.built.terrain import pack_terrain
 from eldir.engine.compiler import aligned
 from eldir.engine.runtime import set_compile_options, start
 from eldir.engine.threads import worker_threads
 from eldir.morphology import offsets
 from eldir.parameters.printed import Joints
+from eldir.terrain import Terrain
 
 _FIELDS = len(RobotArrays._fields)
 
@@ -38,12 +42,26 @@ class MotionInputs:
     """Unit vector from the second to the first mass of every spring at rest, shape (S, 2)."""
     joints: Joints
     values: RobotArrays
+    terrain: Terrain | None = None
+    """The ground; by default the table y = 0."""
 
     @property
     def group_key(self) -> tuple[object, ...]:
         """Robots with the same key move side by side."""
         lengths = self.values.free_length.shape
-        return (self.springs.tobytes(), self.direction.tobytes(), lengths, self.joints)
+        return (self.springs.tobytes(), self.direction.tobytes(), lengths, *self.launch_key)
+
+    @property
+    def launch_key(self) -> tuple[str, bytes]:
+        """Robots with the same key go into one launch of the kernel."""
+        ground = self.terrain
+        columns = () if ground is None else (ground.x0, ground.slope, ground.intercept)
+        return (self.joints, np.array(columns).tobytes())
+
+    @property
+    def corner(self) -> float:
+        """Distance from a hub's centre to its corners [m]."""
+        return float(self.values.numbers[len(RobotNumbers._fields) + PARAMETERS.index("corner")])
 
     @property
     def work(self) -> float:
@@ -86,8 +104,8 @@ def run_motions(
     groups = [same[i : i + LANES] for same in same_body.values() for i in range(0, len(same), LANES)]
     groups.sort(key=lambda group: -max(members[i].work for i in group))  # the longest first
     by_robot: dict[int, MotionResult] = {}
-    for joints in sorted({m.joints for m in members}):
-        alike = [g for g in groups if members[g[0]].joints == joints]
+    for key in sorted({m.launch_key for m in members}):
+        alike = [g for g in groups if members[g[0]].launch_key == key]
         # Unused lanes repeat the group's first robot.
         filled = [(g + g[:1] * LANES)[:LANES] for g in alike]
         results = _run_groups(
@@ -103,8 +121,9 @@ def run_motions(
 def _run_groups(
     groups: list[list[MotionInputs]], tangents: list[list[RobotArrays]] | None, every: int
 ) -> list[list[MotionResult]]:
-    """Motions of groups of `LANES` robots with the same joints."""
+    """Motions of groups of `LANES` robots with the same joints on the same ground."""
     first = [group[0] for group in groups]
+    kind = MotionKind(first[0].joints, tangents is not None, first[0].terrain is not None)
     masses = np.array([len(f.values.inverse_mass) for f in first], np.int32)
     active = np.array([f.values.free_length.shape[1] for f in first], np.int32)
     intervals = np.array([len(f.values.free_length) - 1 for f in first], np.int32)
@@ -123,10 +142,11 @@ def _run_groups(
         ends=np.concatenate([f.springs.ravel() for f in first]),
         direction=np.concatenate([f.direction.ravel() for f in first]),
         status=aligned(len(groups) * LANES, np.int32),
+        ground=pack_terrain(first[0].terrain, max(robot.corner for group in groups for robot in group)),
         values=values, tangents=values if tangent_values is None else tangent_values,
     )  # fmt: skip
     set_compile_options("f64")
-    motion_kernel(first[0].joints, tangents is not None)(launch)
+    motion_kernel(kind)(launch)
     arrays = [values] if tangent_values is None else [values, tangent_values]
     return [_group_results(launch, arrays, g, len(f.values.state), f.joints) for g, f in enumerate(first)]
 

@@ -30,16 +30,14 @@ from eldir.engine.built.motion_launch import (
 )
 from eldir.engine.compiler import ti
 from eldir.engine.runtime import argument_types, make_kernel
-from eldir.parameters.printed import Joints
 
 MAX_SQUARED_SPEEDS = 1e8
 """Sum of squared speeds [m2/s2] from which on a robot has diverged."""
 
 
 @cache
-def motion_kernel(joints: Joints, tangents: bool) -> Callable[[MotionLaunch], None]:
-    """The kernel for one kind of joints; without `tangents`, `MotionLaunch.tangents` is not read."""
-    kind = MotionKind(joints, tangents)
+def motion_kernel(kind: MotionKind) -> Callable[[MotionLaunch], None]:
+    """The kernel for one kind of motion; without tangents, `MotionLaunch.tangents` is not read."""
 
     @ti.func
     def work(worker, launch: ti.template()):
@@ -49,7 +47,7 @@ def motion_kernel(joints: Joints, tangents: bool) -> Callable[[MotionLaunch], No
                 break
             group = ti.static(group_sizes(kind, launch, g, worker))
             values = ti.static(group_arrays(launch.values, group, g))
-            derivatives = ti.static(group_arrays(launch.tangents, group, g) if tangents else values)
+            derivatives = ti.static(group_arrays(launch.tangents, group, g) if kind.tangents else values)
             move_group(launch, g, group, values, derivatives)
 
     return make_kernel(MotionLaunch, argument_types(ti.f64), work)

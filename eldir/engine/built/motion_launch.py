@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from eldir.engine.compiler import ti
 from eldir.engine.kernels.memory import OffsetView, load, local, reread
-from eldir.engine.runtime import Count, Eights, Integers, Values
+from eldir.engine.runtime import Count, Eights, Integers, Number, Values
 from eldir.parameters.printed import BuiltParameters, Joints
 
 LANES = 8
@@ -51,6 +51,8 @@ class MotionKind(NamedTuple):
     joints: Joints
     tangents: bool
     """Whether tangents are computed."""
+    terrain: bool
+    """Whether the ground is a terrain; otherwise it is the table y = 0."""
 
 
 class RobotArrays(NamedTuple):
@@ -83,6 +85,28 @@ class RobotArrays(NamedTuple):
     """Free length of the active springs at the ends of the intervals [m], shape (K + 1, A)."""
     spring_rate: Eights
     """Stiffness of the same springs [N/m], shape (K + 1, A)."""
+
+
+class GroundArrays(NamedTuple):
+    """A terrain, as `eldir.engine.kernels.contact` describes it. Without one these arrays are not read."""
+
+    cells: Count
+    last_segment: Count
+    corners: Count
+    """Number of corners of a hub that may meet the ground: those within 60 degrees of the lowest one, where
+    the ground is steep all but the highest."""
+    grid_start: Number
+    cells_per_m: Number
+    first_cosine: Number
+    """Cosine and sine of the rotation from a hub to the first of these corners."""
+    first_sine: Number
+    next_cosine: Number
+    """The same from one corner to the next."""
+    next_sine: Number
+    segments: Values
+    cell_segment: Integers
+    cell_top: Values
+    """No ground is higher in a cell and around it [m]."""
 
 
 class LaneArrays(NamedTuple):
@@ -125,6 +149,7 @@ class MotionLaunch(NamedTuple):
     """Unit vector of each spring at rest, from its second to its first mass."""
     status: Integers
     """For each robot -1, or the interval in which it diverged."""
+    ground: GroundArrays
     values: LaneArrays
     tangents: LaneArrays
     """The same arrays as `values` where no tangents are computed; they are not read then."""
@@ -149,10 +174,15 @@ class GroupSizes(NamedTuple):
     record_at: Any
     ends: Any
     direction: Any
+    ground: GroundArrays
 
     @property
     def tangents(self) -> bool:
         return self.kind.tangents
+
+    @property
+    def terrain(self) -> bool:
+        return self.kind.terrain
 
     @property
     def clamped(self) -> bool:
@@ -219,7 +249,7 @@ def group_sizes(kind: MotionKind, launch: MotionLaunch, g: Any, worker: Any) -> 
     return GroupSizes(
         kind, masses, springs, active, numbers.dt, numbers.steps, mass_at, spring_at,
         state_at=local(rows * mass_at), impulse_at=local(worker * launch.workspace), record_at=record_at,
-        ends=launch.ends, direction=launch.direction,
+        ends=launch.ends, direction=launch.direction, ground=launch.ground,
     )  # fmt: skip
 
 

@@ -17,6 +17,7 @@ from eldir.morphology import Morphology
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
+from eldir.terrain import Terrain
 from eldir_hardware.virtual.rig import DrivenBody
 
 Physics = Literal["eldir", "mujoco"]
@@ -29,17 +30,19 @@ def virtual_body(
     springs: SpringParameters,
     ballast: FloatArray,
     built: BuiltParameters | None = None,
+    terrain: Terrain | None = None,
 ) -> DrivenBody:
     """The robot of a design, with deviations from the nominal one by the seed.
 
     `ballast` [kg] on each mass, both faces together, shape (M,); `built`: parameters of the robot, else by
-    `seed`. Raises `MissingDependencyError` where the physics is not installed.
+    `seed`; `terrain`: the ground, by default a table. Raises `MissingDependencyError` where the physics is
+    not installed.
     """
     if physics == "mujoco":
         from eldir_hardware.virtual.mujoco_body import MujocoBody
 
-        return MujocoBody(morphology, seed, springs, ballast, built)
-    return EngineBody(morphology, seed, springs, ballast / 2, built)
+        return MujocoBody(morphology, seed, springs, ballast, built, terrain)
+    return EngineBody(morphology, seed, springs, ballast / 2, built, terrain)
 
 
 def default_physics() -> Physics:
@@ -89,7 +92,7 @@ def sample_large_spread(nominal: RobotParameters, seed: int) -> RobotParameters:
 
 
 class EngineBody:
-    """One plane of the robot on the table, simulated step by step by eldir's engine."""
+    """One plane of the robot on the ground, simulated step by step by eldir's engine."""
 
     def __init__(
         self,
@@ -98,8 +101,11 @@ class EngineBody:
         springs: SpringParameters,
         ballast: float | FloatArray = 0.0,
         built: BuiltParameters | None = None,
+        terrain: Terrain | None = None,
     ):
-        """`ballast` [kg] of this plane, as in `build`; `built`: parameters of the robot, else by `seed`."""
+        """`ballast` [kg] of this plane, as in `build`; `built`: parameters of the robot, else by `seed`;
+        `terrain`: the ground, by default a table."""
+        from eldir.built.ground import place
         from eldir.built.robot import build  # the engine takes seconds to import
 
         rng = np.random.default_rng([seed, 2])
@@ -107,19 +113,24 @@ class EngineBody:
         self._robot = build(morphology, own, ballast=ballast, rng=rng)
         self._free = (springs.cold_length, springs.hot_length)
         self._lengths = np.full((1, morphology.motors), springs.cold_length)
-        self._state: FloatArray | None = None
+        self._terrain, self._state = terrain, place(self._robot, terrain)
         self.remark = ""  # strips and coils have no width here: nothing overlaps
         self.springs = morphology.springs
-        self.positions = self._robot.positions
+        self.positions = self._state[:2].T
 
     def move(self, lengths: FloatArray, interval: float) -> None:
         """Move by free lengths [m] given every `interval` [s], shape (steps, motors)."""
         from eldir.built.motion import OK, drive
 
         table = np.concatenate([self._lengths, lengths[:, : self._lengths.shape[1]]])
-        states = None if self._state is None else [self._state]
         (motion,) = drive(
-            [self._robot], [table], interval, states=states, every=len(lengths), free=self._free
+            [self._robot],
+            [table],
+            interval,
+            states=[self._state],
+            every=len(lengths),
+            free=self._free,
+            terrain=self._terrain,
         )
         if motion.status != OK:
             raise divergence_error("the virtual robot's body")

@@ -18,6 +18,7 @@ from eldir.morphology import Morphology
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import sample_feet
 from eldir.parameters.springs import SpringParameters
+from eldir.terrain import Terrain
 from eldir_cad.checks.contacts import point_distance
 from eldir_cad.kit import PRINTER
 from eldir_cad.kit.printer import load_printer
@@ -43,14 +44,16 @@ class MujocoBody:
         springs: SpringParameters,
         ballast: FloatArray | None = None,
         built: BuiltParameters | None = None,
+        terrain: Terrain | None = None,
     ):
         """`ballast` [kg] on each hub, both faces together; `built`: parameters of the robot, else by `seed`.
+        `terrain`: the ground, by default a table.
 
         The seed gives the same masses, stiffnesses and strips as `EngineBody` has with it. Each
         foot's friction and the table's slope are samples too. Raises `MissingDependencyError` without
         MuJoCo.
         """
-        model = sample_multibody(morphology, seed, ballast, built)
+        model = sample_multibody(morphology, seed, ballast, built, terrain)
         self.motion = MujocoMotion(model, (springs.cold_length, springs.hot_length))
         self._lengths = np.full((1, morphology.motors), springs.cold_length)
         self._overlap_check, self._time = OverlapCheck(morphology, load_specification()), 0.0
@@ -141,6 +144,7 @@ def sample_multibody(
     seed: int,
     ballast: FloatArray | None = None,
     built: BuiltParameters | None = None,
+    terrain: Terrain | None = None,
 ) -> Multibody:
     """The robot that a seed gives, as `MujocoBody` has it; it needs no MuJoCo."""
     rng = np.random.default_rng([seed, 2])
@@ -156,6 +160,7 @@ def sample_multibody(
         strip_extensions=strips,
         friction_factors=sample_feet(len(morphology.positions), further),
         tilt=float(TILT_SCATTER * further.standard_normal()),
+        terrain=terrain,
     )
 
 

@@ -5,6 +5,7 @@ import numpy as np
 from eldir.built.robot import PrintedRobot
 from eldir.built.stability import STICKS
 from eldir.parameters.printed import BuiltParameters
+from eldir.terrain import Terrain
 
 CORNERS = np.radians(-90 + 60 * np.arange(6))
 
@@ -30,6 +31,15 @@ def least_bent(angles: np.ndarray, play: float) -> np.ndarray:
     return min(found, key=lambda p: p[0] ** 2 + p[0] * p[1] + p[1] ** 2)
 
 
+def ground_below(terrain: Terrain | None, x: float) -> tuple[np.ndarray, float]:
+    """Normal and distance from the origin of the line that is the ground at x: n . place = d on it."""
+    if terrain is None:
+        return np.array([0.0, 1.0]), 0.0
+    begun = [i for i, start in enumerate(terrain.x0) if start <= x]
+    m, b = terrain.slope[max(begun, default=0)], terrain.intercept[max(begun, default=0)]
+    return np.array([-m, 1.0]) / np.hypot(1.0, m), float(b / np.hypot(1.0, m))
+
+
 def down(p: BuiltParameters) -> np.ndarray:
     """Gravity along a table that falls forward, and across it [m/s2]."""
     return -p.gravity * np.array([np.sin(p.tilt), -np.cos(p.tilt)])
@@ -38,8 +48,8 @@ def down(p: BuiltParameters) -> np.ndarray:
 class HubStep:
     """One step of a robot with hubs; it remembers how far each socket's friction has been dragged along."""
 
-    def __init__(self, robot: PrintedRobot):
-        self.robot = robot
+    def __init__(self, robot: PrintedRobot, terrain: Terrain | None = None):
+        self.robot, self.terrain = robot, terrain
         self.dragged = np.zeros((len(robot.springs), 2))
 
     def __call__(self, rest: np.ndarray, stiffness: np.ndarray, dt: float, state: np.ndarray) -> np.ndarray:
@@ -95,12 +105,30 @@ class HubStep:
     def landed(
         self, i: int, x: np.ndarray, v: np.ndarray, angle: float, spin: float, dt: float
     ) -> tuple[np.ndarray, float]:
-        """Speeds after the table's impulse on the lowest corner."""
-        r, p = self.robot, self.robot.parameters
+        """Speeds after the impulses of the table on the lowest corner, or of a terrain on each lower one."""
+        p = self.robot.parameters
         corners = p.corner * np.stack([np.cos(CORNERS + angle), np.sin(CORNERS + angle)], axis=1)
-        arm = corners[np.argmin(corners[:, 1])]
-        speed = v + spin * turned(np.pi / 2, arm)
-        gap = x[1] + p.corner + arm[1]
+        if self.terrain is None:
+            return self.pushed(i, x, v, corners[np.argmin(corners[:, 1])], spin, dt, 0.0)
+        lower = (-1, 0, 1) if np.abs(self.terrain.slope).max() < 1.7 else (-2, -1, 0, 1, 2)
+        for ahead in (0.0, dt):
+            for k in lower:
+                v, spin = self.pushed(i, x, v, corners[k], spin, dt, ahead)
+        return v, spin
+
+    def pushed(
+        self, i: int, x: np.ndarray, v: np.ndarray, arm: np.ndarray, spin: float, dt: float, ahead: float
+    ) -> tuple[np.ndarray, float]:
+        """Speeds after the impulse on one corner, of the ground that is under it after the time `ahead`,
+        computed in the frame of its slope."""
+        r, p = self.robot, self.robot.parameters
+        place, speed = x + np.array([0, p.corner]) + arm, v + spin * turned(np.pi / 2, arm)
+        n, distance = ground_below(self.terrain, (place + ahead * speed)[0])
+        gap = place @ n - distance
+        if self.terrain is not None:
+            gap = max(gap, -1e-3 * dt)
+        slope = np.arctan2(-n[0], n[1])
+        arm, speed = turned(-slope, arm), turned(-slope, speed)
         if gap + dt * speed[1] >= 0:
             return v, spin
         # Impulse (along, up) -> change of the corner's speed.
@@ -112,4 +140,4 @@ class HubStep:
         if abs(impulse[0]) > mu * impulse[1]:
             slides = np.array([np.copysign(mu, impulse[0]), 1.0])
             impulse = slides * wanted[1] / (gives @ slides)[1]
-        return v + impulse / r.masses[i], spin + float(levers @ impulse) / r.inertias[i]
+        return v + turned(slope, impulse) / r.masses[i], spin + float(levers @ impulse) / r.inertias[i]

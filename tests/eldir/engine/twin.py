@@ -18,7 +18,8 @@ from eldir.controller import Controller
 from eldir.morphology import Morphology
 from eldir.physics import Physics
 from eldir.scene import Scene
-from tests.eldir.engine.hub_twin import HubStep, down
+from eldir.terrain import Terrain
+from tests.eldir.engine.hub_twin import HubStep, down, ground_below
 
 
 class Ground:
@@ -177,9 +178,14 @@ def strip_force(stretch: float, length: float, tension: float, buckling: float) 
 
 
 def built_step(
-    robot: PrintedRobot, rest: np.ndarray, stiffness: np.ndarray, dt: float, state: np.ndarray
+    robot: PrintedRobot,
+    terrain: Terrain | None,
+    rest: np.ndarray,
+    stiffness: np.ndarray,
+    dt: float,
+    state: np.ndarray,
 ) -> np.ndarray:
-    """The state (4 or 7, M) after `dt`, over a table at y = 0: x, y, vx, vy, cosine, sine, spin."""
+    """The state (4 or 7, M) after `dt`: x, y, vx, vy, cosine, sine, spin."""
     p = robot.parameters
     x, v = state[:2].T, state[2:4].T
     impulse, twist = np.zeros_like(x), np.zeros(len(x))
@@ -201,16 +207,36 @@ def built_step(
         impulse[b] += dt * pull
     v = np.exp(-p.drag * dt) * v + impulse / robot.masses[:, None] + down(p) * dt
     for i in range(len(x)):
-        if x[i, 1] + dt * v[i, 1] < 0:
-            stopped = -x[i, 1] / dt
-            grip = robot.friction[i] * (stopped - v[i, 1]) * (p.backward_friction if v[i, 0] < 0 else 1.0)
-            v[i] = np.sign(v[i, 0]) * max(abs(v[i, 0]) - grip, 0.0), stopped
+        v[i] = landed(robot, i, ground_below(terrain, x[i, 0]), x[i], v[i], dt, terrain is not None)
+        if terrain is not None:
+            v[i] = landed(robot, i, ground_below(terrain, x[i, 0] + dt * v[i, 0]), x[i], v[i], dt, True)
     after = [(x + dt * v).T, v.T]
     if robot.joints == "clamped":
         spin = np.exp(-p.drag * dt) * state[6] + twist / robot.inertias
         turned = (state[4] + 1j * state[5]) * (1 + 0.5j * dt * spin) / (1 - 0.5j * dt * spin)
         after.append(np.array([turned.real, turned.imag, spin]))
     return np.concatenate(after)
+
+
+def landed(
+    robot: PrintedRobot,
+    i: int,
+    line: tuple[np.ndarray, float],
+    x: np.ndarray,
+    v: np.ndarray,
+    dt: float,
+    slowly: bool,
+) -> np.ndarray:
+    """Velocity of mass i after the impulse of the ground below it, which is a line; `slowly`: what is below
+    the line comes out of it at 1 mm/s."""
+    n, d = line
+    along = np.array([n[1], -n[0]])
+    gap, sliding, away = x @ n - d, v @ along, v @ n
+    stopped = min(-gap / dt, 1e-3) if slowly else -gap / dt
+    if away >= stopped:
+        return v
+    grip = robot.friction[i] * (stopped - away) * (robot.parameters.backward_friction if sliding < 0 else 1.0)
+    return np.sign(sliding) * max(abs(sliding) - grip, 0.0) * along + stopped * n
 
 
 def end_moments(robot: PrintedRobot, s: int, state: np.ndarray) -> np.ndarray:
@@ -230,7 +256,13 @@ def end_moments(robot: PrintedRobot, s: int, state: np.ndarray) -> np.ndarray:
 
 
 def built_run(
-    robot: PrintedRobot, lengths: np.ndarray, interval: float, substeps: int, free: tuple[float, float]
+    robot: PrintedRobot,
+    lengths: np.ndarray,
+    interval: float,
+    substeps: int,
+    free: tuple[float, float],
+    terrain: Terrain | None = None,
+    start: np.ndarray | None = None,
 ) -> np.ndarray:
     """Positions at every instant of the table of free lengths (K + 1, A), shape (K + 1, M, 2)."""
     p, motors = robot.parameters, np.flatnonzero(robot.active)
@@ -238,7 +270,8 @@ def built_run(
     stiffnesses = p.cold_stiffness + (p.hot_stiffness - p.cold_stiffness) * hot
     state = np.zeros((4 if robot.joints == "pins" else 7, len(robot.masses)))
     state[:2], state[4:5] = robot.positions.T, 1.0
-    step_of = HubStep(robot) if robot.joints == "hubs" else partial(built_step, robot)
+    state = state if start is None else start.copy()
+    step_of = HubStep(robot, terrain) if robot.joints == "hubs" else partial(built_step, robot, terrain)
     rest, stiffness, positions = robot.rest_lengths.copy(), robot.stiffness.copy(), [state[:2].T]
     for k in range(len(lengths) - 1):
         for step in range(1, substeps + 1):
