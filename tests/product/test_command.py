@@ -71,6 +71,19 @@ def test_help_lists_the_commands_and_loads_nothing_heavy():
         assert name in text
 
 
+def test_the_command_starts_no_threads_of_openblas():
+    """They wait in a loop. A thread of a package would be seen too: on one core this shows nothing."""
+    code = (
+        "import atexit, os, sys; from eldir_app.main import main;"
+        "atexit.register(lambda: print('numpy' in sys.modules, len(os.listdir('/proc/self/task'))));"
+        "sys.argv[1:] = ['packet', 'none.json', '--out', 'packet']; main()"
+    )
+    environment = {name: value for name, value in os.environ.items() if name != "OPENBLAS_NUM_THREADS"}
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment)
+    assert (run.stdout, run.returncode) == ("True 1\n", 1), run.stderr
+    assert "none.json" in run.stderr
+
+
 def leaves(command, name):
     """Every command that does something, with its whole name."""
     if not hasattr(command, "commands"):
