@@ -22,11 +22,11 @@ settings.register_profile(
 )
 settings.load_profile("eldir")
 
-# Before NumPy is imported: threads of OpenBLAS wait for each other in a loop, which is processor time of nobody's use.
+# Before NumPy is imported: threads of OpenBLAS wait for each other in a loop.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-# What is imported and collected stays: looking through it again and again takes a third of collecting, and some
-# tenths of a second each time afterwards.
+# What is imported and collected stays: looking through it again and again takes a third of collecting, and
+# some tenths of a second each time afterwards.
 gc.disable()
 
 
