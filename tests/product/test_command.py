@@ -13,15 +13,17 @@ import typer
 
 from eldir_app.application import application
 from tests.eldir.random_design import make_design
+from tests.forked_programs import finished
 
 COMMANDS = ["demo", "evolve", "shortlist", "show", "packet", "gait", "track", "report"]
 
 
 def eldir(*arguments: str, **options) -> subprocess.CompletedProcess:
-    return subprocess.run(
-        [sys.executable, "-m", "eldir", *map(str, arguments)],
-        capture_output=True, text=True, timeout=120, check=False, **options,
-    )  # fmt: skip
+    """Started where `options` say how, and forked otherwise: other tests show its start."""
+    words = [sys.executable, "-m", "eldir", *map(str, arguments)]
+    if not options:
+        return finished(words)
+    return subprocess.run(words, capture_output=True, text=True, timeout=120, check=False, **options)
 
 
 ONE_AFTER_ANOTHER = """
