@@ -18,7 +18,6 @@ from eldir_hardware.images.video import write_webm
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.template import virtual_rig
 from tests.app.catalogue.small_logs_and_reports import record
-from tests.eldir.random_design import make_design
 from tests.raised import raises
 
 ODD = os.fsdecode(b"dir\xe4")
