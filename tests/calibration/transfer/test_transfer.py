@@ -51,7 +51,7 @@ SMALL = ("--samples", "2", "--cycles", "1")
 
 
 def transfer(*arguments: object) -> Result:
-    return CliRunner().invoke(application(), ["transfer", *map(str, arguments)])
+    return CliRunner().invoke(application("transfer"), ["transfer", *map(str, arguments)])
 
 
 def refused(*arguments: object) -> str:
@@ -99,7 +99,7 @@ def test_the_springs_are_those_of_evolution_or_of_the_rig(folder: Path, tmp_path
 
     monkeypatch.setattr("eldir_calibration.transfer.compared_walks.load_walking_design", reading)
     rig = tmp_path / "rig.yaml"
-    assert CliRunner().invoke(application(), ["rig", "new", "--out", str(rig)]).exit_code == 0
+    assert CliRunner().invoke(application("rig"), ["rig", "new", "--out", str(rig)]).exit_code == 0
     for springs in ((), ("--rig", rig)):
         assert refused(folder / "tiny.json", *springs, "--out", tmp_path / "out") == "read enough"
     assert seen == [make_workshop().springs, Rig.load(rig).spring_parameters()]
