@@ -17,12 +17,12 @@ demo: .venv/ready ## walk the whole circle on a virtual rig; OUT=folder SEED=n
 
 # Programs that hold boards wait a third of the time: three workers keep two cores busy. Quadrants loads a kernel in
 # half of Taichi's time, and hundreds of programs load some: all tests run on it, those that show what depends on the
-# compiler on both. Bytecode is kept for the same reason; so is what the engine compiles.
+# compiler on both, in one process because each would load the same kernels. Bytecode is kept for the same reason; so is what the engine compiles.
 TEST := ELDIR_THREADS=1 PYTHONDONTWRITEBYTECODE= $(BIN)/python -m
 test: .venv/ready-for-tests ## run the tests (needs no GPU, no ROS): on Quadrants; what depends on the compiler on Taichi too
 	ELDIR_COMPILER=quadrants $(TEST) tests.compile_kernels
 	ELDIR_COMPILER=quadrants $(TEST) pytest -q -n 3 --dist loadgroup --no-loadscope-reorder
-	$(TEST) pytest -q -n 2 --dist loadfile -m 'compiler and not stress' tests/eldir/engine
+	$(TEST) pytest -q -m 'compiler and not stress' tests/eldir/engine
 
 lint: .venv/ready-for-tests ## style, words, types and the import contract
 	$(BIN)/ruff check .

@@ -9,14 +9,14 @@ import numpy as np
 
 from eldir.controller import Controller
 from eldir.core.arguments import require_count, require_whole_number
-from eldir.core.records import FloatArray, IntArray, Record
+from eldir.core.records import BoolArray, FloatArray, IntArray, Record
 from eldir.defaults import ITERATIONS
 from eldir.engine.shortcuts import distinct
 from eldir.engine.stable_step import subdivide_steps
 from eldir.errors import InputError
 from eldir.morphology import Morphology
 from eldir.physics import Physics, resolve_physics
-from eldir.rollout import OK, REFUSED, check_controllers, group_by_substeps, scene_step, select_from, simulate
+from eldir.rollout import check_controllers, group_by_substeps, scene_step, select_from, simulate
 from eldir.scene import Scene
 from eldir.training import loop
 from eldir.training.configuration import TrainingConfig
@@ -29,6 +29,7 @@ from eldir.training.loop import (
     make_seed_keys,
 )
 from eldir.training.randomisation import Randomisation
+from eldir.validity import OK, REFUSED, is_chaotic
 
 _ROBOTS_A_CALL = 256  # between two reports of progress; the result does not depend on it
 
@@ -39,12 +40,19 @@ class LearningResult(Record):
 
     losses: FloatArray
     """Losses before the first and after each update [m], shape (n, iterations + 1); infinite from the update
-    at which a robot diverged. With domain randomisation, the mean over the sampled robots."""
+    at which a robot diverged or its gradient overflowed. With domain randomisation, the mean over the
+    sampled robots."""
     controllers: tuple[Controller, ...]
     """The controller with the least loss, of each robot."""
     status: IntArray
-    """Status of each robot, shape (n,): -1 if it completed all steps, -2 if it was refused
-    (`eldir.rollout.REFUSED`), otherwise the step at which it diverged."""
+    """Status of each robot, shape (n,): -1 if it completed all steps, -2 if it was refused, -3 if its
+    gradient overflowed (`eldir.validity`), otherwise the step at which it diverged."""
+    chaotic: BoolArray
+    """For each loss, whether chaos dominates its gradient (`eldir.validity.is_chaotic`), shape (n,
+    iterations + 1). The last loss has no gradient. With domain randomisation: whether it does for one of
+    the sampled robots, like the next."""
+    rounded: BoolArray
+    """For each loss, whether rounding may dominate its gradient (`eldir.validity.is_rounded`)."""
 
 
 def learn(
@@ -90,7 +98,9 @@ def learn(
     if len(first) == len(which):
         return result
     trained = tuple(result.controllers[k] for k in which)  # the same robot learns the same
-    return LearningResult(result.losses[which], trained, result.status[which])
+    return LearningResult(
+        result.losses[which], trained, result.status[which], result.chaotic[which], result.rounded[which]
+    )
 
 
 @dataclass(frozen=True)
@@ -154,6 +164,7 @@ def _learn(
     morphologies, origins, physics = learners.morphologies, learners.origins, learners.physics
     n = len(morphologies)
     losses, status = np.full((n, iterations + 1), np.inf), np.full(n, REFUSED, np.int32)
+    growth, rounded = np.zeros(losses.shape), np.zeros(losses.shape, bool)
     best: dict[int, Controller] = {}
     at_once = max(1, _ROBOTS_A_CALL // (1 if randomisation is None else randomisation.samples))
     calls = [
@@ -167,7 +178,7 @@ def _learn(
         brains = InitialControllers(bodies, scene, *select_from(part, origins))
         sample = learners.sampler(part, finer, randomisation)
         trained = loop.train(bodies, brains, owns, finer, training, iterations, sample)
-        losses[part] = trained.losses
+        losses[part], growth[part], rounded[part] = trained.losses, trained.growth, trained.rounded
         status[part] = [scene_step(t, parts) for t in trained.status]
         for i, controller in zip(part, trained.controllers, strict=True):
             if np.isfinite(losses[i, 0]):  # a robot that diverged at once has learned nothing
@@ -179,7 +190,7 @@ def _learn(
         best[i] if i in best else make_initial_controller(morphologies[i], scene, origins[i])
         for i in range(n)
     )
-    return LearningResult(losses, tuple(controllers), status)
+    return LearningResult(losses, tuple(controllers), status, is_chaotic(growth), rounded)
 
 
 def _by_step(
@@ -254,6 +265,6 @@ def _rollouts(
                 iterations=i, update_length=training.update_length, backward=i > 0, record=True
             ),
         )  # fmt: skip
-        if outcome.status[0] >= 0:
+        if outcome.status[0] != OK:
             return
         yield outcome.states(0)[0]

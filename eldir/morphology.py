@@ -59,6 +59,11 @@ class Morphology(Record):
         return int(self.active.sum())
 
     @property
+    def motor_hubs(self) -> IntArray:
+        """The two masses that each motor joins, shape (A, 2)."""
+        return self.springs[self.active]
+
+    @property
     def key(self) -> bytes:
         """Equal for bodies of the same masses, springs and motors, wherever on the lattice they grew."""
         return self.positions.tobytes() + self.springs.tobytes() + self.active.tobytes()

@@ -10,15 +10,14 @@ import numpy as np
 
 from eldir.controller import Controller
 from eldir.core.arguments import require_count, require_value
-from eldir.core.records import FloatArray, Record
+from eldir.core.records import BoolArray, FloatArray, IntArray, Record
 from eldir.engine.shortcuts import distinct
 from eldir.engine.stable_step import subdivide_steps, substeps
 from eldir.morphology import Morphology
 from eldir.physics import Physics, resolve_physics
 from eldir.scene import Scene
+from eldir.validity import OK, REFUSED, is_chaotic, is_rounded
 
-OK, REFUSED = -1, -2
-"""Status of a robot that completed all steps, and of one for which the scene's step is too large."""
 _BATCH_VALUES = 2**28  # recorded by one call: 1 GB in float32
 
 
@@ -36,7 +35,49 @@ class Rollout(Record):
     """Minus the mean forward displacement [m]; infinite where the robot diverged."""
     status: int
     """`OK` (-1), the step at which the robot diverged, or `REFUSED` (-2) if the scene's step is too large
-    for it (`eldir.engine.stable_step`). Later states are NaN."""
+    for it (`eldir.engine.stable_step`). Later states are NaN. A robot diverges where a mass moves by a
+    spring's length in one step (`eldir.validity.max_speeds`)."""
+
+
+class LossesAndGradients(tuple[FloatArray, list[Controller]]):
+    """The losses and gradients of n robots, which it unpacks to, and how far they can be trusted."""
+
+    status: IntArray
+    """`OK` (-1), `REFUSED` (-2), `NO_GRADIENT` (-3), or the step at which the robot diverged, shape (n,).
+    Without `OK` the loss is infinite and the gradient zero."""
+    growth: FloatArray
+    """How many times larger the gradient of a position became in the reverse sweep than at its beginning,
+    shape (n,); 0 without motors."""
+    chaotic: BoolArray
+    """Whether chaos dominates the gradient (`eldir.validity.is_chaotic`), shape (n,)."""
+    rounded: BoolArray
+    """Whether rounding may dominate the gradient (`eldir.validity.is_rounded`), shape (n,)."""
+
+    def __new__(
+        cls,
+        losses: FloatArray,
+        gradients: list[Controller],
+        status: IntArray,
+        growth: FloatArray,
+        rounded: BoolArray,
+    ) -> LossesAndGradients:
+        found = super().__new__(cls, (losses, gradients))
+        found.status, found.growth, found.chaotic, found.rounded = status, growth, is_chaotic(growth), rounded
+        return found
+
+    def __getnewargs__(self) -> tuple[Any, ...]:  # for pickle and copy
+        return *self, self.status, self.growth, self.rounded
+
+    def take(self, index: Sequence[int]) -> LossesAndGradients:
+        """Those of some robots."""
+        losses, gradients = self
+        return LossesAndGradients(
+            losses[index],
+            [gradients[i] for i in index],
+            self.status[index],
+            self.growth[index],
+            self.rounded[index],
+        )
 
 
 def simulate(
@@ -93,8 +134,8 @@ def select_from(chosen: Sequence[int], *all_of: Sequence[Any]) -> list[list[Any]
 
 
 def scene_step(diverged: int, parts: int) -> int:
-    """The scene's step in which a robot diverged."""
-    return int(diverged) // parts if diverged != OK else OK
+    """The status in the scene's steps, of a robot whose steps are divided."""
+    return int(diverged) // parts if diverged >= 0 else int(diverged)
 
 
 def _refused_rollout(body: Morphology, scene: Scene) -> Rollout:
@@ -107,34 +148,45 @@ def loss_and_gradient(
     controllers: Sequence[Controller],
     scene: Scene,
     physics: Sequence[Physics] | None = None,
-) -> tuple[FloatArray, list[Controller]]:
+) -> LossesAndGradients:
     """Losses, shape (n,), and for every robot the gradient of its loss, shaped as its controller.
 
-    A robot that diverged or was refused has an infinite loss and a gradient of zero. Raises `EldirError`
-    if the step is too large for all robots.
+    A robot that diverged or was refused, or whose gradient overflowed, has an infinite loss and a gradient
+    of zero. The result unpacks to losses and gradients; its `status`, `chaotic` and `rounded` say how far
+    they can be trusted. Raises `EldirError` if the step is too large for all robots.
     """
-    from eldir.engine import batch
-
     scene.require_controller()
     check_controllers(morphologies, controllers)
-    if not morphologies:
-        return np.zeros(0), []
     owns = resolve_physics(morphologies, scene, physics)
     first, which = distinct(morphologies, controllers, owns)
     if len(first) < len(which):
         bodies, brains, own = select_from(first, morphologies, controllers, owns)
-        some = loss_and_gradient(bodies, brains, scene, own)
-        return some[0][which], [some[1][k] for k in which]
-    losses, gradients = np.full(len(morphologies), np.inf), [b.scaled(0.0) for b in controllers]
-    for parts, chosen in group_by_substeps(morphologies, scene, owns):
-        bodies, brains, own = select_from(chosen, morphologies, controllers, owns)
-        outcome = batch.run_batch(
-            bodies, brains, subdivide_steps(scene, parts), own, config=batch.BatchConfig(backward=True)
-        )
-        losses[chosen] = outcome.losses[:, 0]
+        return evaluate_gradients(bodies, brains, scene, own).take(which)
+    return evaluate_gradients(morphologies, controllers, scene, owns)
+
+
+def evaluate_gradients(
+    morphologies: Sequence[Morphology],
+    controllers: Sequence[Controller],
+    scene: Scene,
+    physics: Sequence[Physics],
+) -> LossesAndGradients:
+    """`loss_and_gradient` without checks, and without a search for equal robots."""
+    from eldir.engine import batch
+
+    n = len(morphologies)
+    losses, status = np.full(n, np.inf), np.full(n, REFUSED, np.int32)
+    growth, rounded, gradients = np.zeros(n), np.zeros(n, bool), [b.scaled(0.0) for b in controllers]
+    for parts, chosen in group_by_substeps(morphologies, scene, physics):
+        finer = subdivide_steps(scene, parts)
+        bodies, brains, own = select_from(chosen, morphologies, controllers, physics)
+        outcome = batch.run_batch(bodies, brains, finer, own, config=batch.BatchConfig(backward=True))
+        losses[chosen], growth[chosen] = outcome.losses[:, 0], outcome.growth[:, 0]
+        status[chosen] = [scene_step(step, parts) for step in outcome.status]
+        rounded[chosen] = is_rounded(growth[chosen], finer)
         for i, gradient in zip(chosen, outcome.batch.controllers(outcome.best), strict=True):
             gradients[i] = gradient
-    return losses, gradients
+    return LossesAndGradients(losses, gradients, status, growth, rounded)
 
 
 def split_by_memory(morphologies: Sequence[Morphology], steps: int) -> Iterator[slice]:

@@ -1,6 +1,7 @@
 """Settings of all tests."""
 
 import atexit
+import gc
 import os
 import shutil
 import tempfile
@@ -20,6 +21,19 @@ settings.register_profile(
     suppress_health_check=[HealthCheck.too_slow],
 )
 settings.load_profile("eldir")
+
+# Before NumPy is imported: threads of OpenBLAS wait for each other in a loop.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+# What is imported and collected stays: looking through it again and again takes a third of collecting, and
+# some tenths of a second each time afterwards.
+gc.disable()
+
+
+def pytest_collection_finish() -> None:
+    gc.freeze()
+    gc.enable()
+
 
 # Importing the compiler looks through all modules that are loaded, some hundred times: first, not last.
 if "PYTEST_XDIST_WORKER" in os.environ:

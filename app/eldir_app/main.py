@@ -27,6 +27,8 @@ def main() -> NoReturn:
     if sys.platform == "win32":  # locks, ports and processes work as on Linux
         print_line("eldir does not run on Windows; expected Linux; use WSL or a container")
         sys.exit(1)
+    # Other threads of OpenBLAS wait in a loop: a spring's fit takes twice the processor time with them.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     _repair_streams()
     status: int | str | None
     try:

@@ -20,10 +20,11 @@ from eldir.core.kernels import Precision
 from eldir.core.records import FloatArray
 from eldir.engine.batch import prepare
 from eldir.morphology import Morphology
-from eldir.rollout import OK, loss_and_gradient, simulate
+from eldir.rollout import loss_and_gradient, simulate
 from eldir.scene import Integrator, Scene
 from eldir.terrain import Terrain
 from eldir.training.loop import initial_controllers
+from eldir.validity import OK
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -45,7 +46,7 @@ class Setting(NamedTuple):
     """Time step [s]."""
     precision: Precision
 
-    def of(self, scene: Scene) -> Scene:
+    def apply_to(self, scene: Scene) -> Scene:
         """The scene for one second with this setting, also where the step is unstable."""
         return scene.replace(**self._asdict(), steps=round(SECONDS / self.dt), large_step="run")
 
@@ -108,7 +109,7 @@ def diagram(case: Case) -> list[dict[str, Any]]:
     reference = ends(case, reference_scene(case.scene))
     points = []
     for setting in settings():
-        scene = setting.of(case.scene)
+        scene = setting.apply_to(case.scene)
         errors = distances(ends(case, scene), reference)
         points.append(
             {
@@ -124,7 +125,7 @@ def diagram(case: Case) -> list[dict[str, Any]]:
 
 def reference_scene(scene: Scene) -> Scene:
     """The scene of the converged reference."""
-    return Setting(**_REFERENCE).of(scene)  # type: ignore[arg-type]
+    return Setting(**_REFERENCE).apply_to(scene)  # type: ignore[arg-type]
 
 
 def ends(case: Case, scene: Scene) -> list[FloatArray]:
@@ -158,7 +159,7 @@ def _add_gradients(case: Case, points: list[dict[str, Any]]) -> None:
     reference = gradient_vectors(case, reference_scene(case.scene))
     for point in points:
         setting = Setting(point["integrator"], point["dt"], point["precision"])
-        found = gradient_vectors(case, setting.of(case.scene))
+        found = gradient_vectors(case, setting.apply_to(case.scene))
         errors = [np.linalg.norm(a - b) / np.linalg.norm(b) for a, b in zip(found, reference, strict=True)]
         point["gradient_error"] = float(np.median(errors))
 

@@ -8,10 +8,10 @@ robots that fall, or that hardly move, would tell little about robots that walk.
 
 from __future__ import annotations
 
+import inspect
 import json
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -19,7 +19,7 @@ import numpy as np
 
 from eldir.benchmark.measurement import limit_threads, time_in_turns
 from eldir.built.gait import FreeLengths, Gait, free_lengths_batch
-from eldir.built.robot import build
+from eldir.built.robot import PrintedRobot, build
 from eldir.built.samples import NominalRobots
 from eldir.built.walking import displacements
 from eldir.evolution.printed.trials import count_falls_as_zero
@@ -51,25 +51,32 @@ class Simplification(NamedTuple):
     """How the printed robot is simulated."""
 
     hubs: bool
-    tension: float
-    """Largest stiffness of the strips in tension [N/m]."""
     cycles: int
     """Counted cycles."""
-    mass_scaling: float = 1.0
-    """Factor on the inertia, as `drive` takes it."""
+    tension: float = REAL
+    """Largest stiffness of the strips in tension [N/m]; this and the next two as in `PrintedRobot.coarse`."""
+    damping: float = 1.0
+    """Share of the damping of strips between hubs."""
+    inertia: float = 1.0
+    """Factor on the inertia of robots with hubs."""
+
+
+def _coarse(hubs: bool, cycles: int) -> Simplification:
+    """What `PrintedRobot.coarse` does."""
+    values = inspect.signature(PrintedRobot.coarse).parameters
+    return Simplification(hubs, cycles, *(values[n].default for n in ("tension", "damping", "inertia")))
 
 
 SIMPLIFICATIONS = {
-    EXACT: Simplification(True, REAL, 5),
-    "hubs, inertia x 4, 5 cycles": Simplification(True, REAL, 5, 4.0),
-    "hubs, 1 cycle": Simplification(True, REAL, 1),
-    "hubs, strips of 40 kN/m, 1 cycle": Simplification(True, 40e3, 1),
-    "hubs, strips of 40 kN/m, inertia x 9, 1 cycle": Simplification(True, 40e3, 1, 9.0),
-    "hubs, strips of 20 kN/m, inertia x 16, 1 cycle": Simplification(True, 20e3, 1, 16.0),
-    "pins, 5 cycles": Simplification(False, REAL, 5),
-    "pins, 1 cycle": Simplification(False, REAL, 1),
-    "pins, strips of 20 kN/m, 1 cycle": Simplification(False, 20e3, 1),
-    "pins, strips of 20 kN/m, inertia x 4, 1 cycle": Simplification(False, 20e3, 1, 4.0),
+    EXACT: Simplification(True, 5),
+    "hubs, inertia x 4, 5 cycles": Simplification(True, 5, inertia=4.0),
+    "hubs, strips of 20 kN/m, 5 cycles": Simplification(True, 5, 20e3),
+    "hubs, coarse, 5 cycles": _coarse(True, 5),
+    "hubs, 1 cycle": Simplification(True, 1),
+    "hubs, coarse, 1 cycle": _coarse(True, 1),
+    "pins, 5 cycles": Simplification(False, 5),
+    "pins, 1 cycle": Simplification(False, 1),
+    "pins, coarse, 1 cycle": _coarse(False, 1),
 }
 """What is compared, the exact one first."""
 
@@ -137,26 +144,24 @@ def _remembering(kept: np.ndarray, r: int, robot: Walker, variant: Simplificatio
     return run
 
 
-def mean_walk(robot: Walker, variant: Simplification) -> float:
-    """Mean walk of the samples, a fall counted as no walk [body lengths per five cycles]."""
-    printed = replace(BuiltParameters(), tension=variant.tension)
+def mean_walk(robot: Walker, variant: Simplification, seed: int = _SEED) -> float:
+    """Mean walk of the samples of a seed, a fall counted as no walk [body lengths per five cycles]."""
+    printed = BuiltParameters()
     nominal = RobotParameters(printed.with_hubs() if variant.hubs else printed)
-    samples, tables = _heated(robot, nominal, variant.cycles)
-    built = [build(robot.body, s) for s in samples]
-    return float(
-        count_falls_as_zero(
-            displacements(built, tables, variant.cycles, nominal.free_lengths, variant.mass_scaling)
-        ).mean()
-    )
+    samples, tables = _heated(robot, nominal, variant.cycles, seed)
+    simpler = variant.tension, variant.damping, variant.inertia
+    built = [build(robot.body, s).coarse(*simpler) for s in samples]
+    walks = displacements(built, tables, variant.cycles, nominal.free_lengths)
+    return float(count_falls_as_zero(walks).mean())
 
 
 def _heated(
-    robot: Walker, nominal: RobotParameters, cycles: int
+    robot: Walker, nominal: RobotParameters, cycles: int, seed: int = _SEED
 ) -> tuple[list[RobotParameters], list[FreeLengths]]:
     """The samples of a robot, and the free lengths of their springs."""
-    samples = NominalRobots(robot.body, nominal).samples(_SAMPLES, _SEED)
+    samples = NominalRobots(robot.body, nominal).samples(_SAMPLES, seed)
     heated = [(robot.gait, s.motor_springs(robot.body.motors)) for s in samples]
-    return samples, free_lengths_batch(heated, cycles)
+    return samples, free_lengths_batch(heated, cycles, hubs=[robot.body.motor_hubs] * len(heated))
 
 
 def _row(walks: np.ndarray, exact: np.ndarray, seconds: np.ndarray) -> dict[str, float]:

@@ -22,11 +22,12 @@ from eldir.genotype import Genotype
 from eldir.lattice import Lattice
 from eldir.learning import learn
 from eldir.morphology import Morphology, develop
-from eldir.rollout import OK, REFUSED, Rollout, simulate
+from eldir.rollout import Rollout, simulate
 from eldir.scene import Scene
 from eldir.terrain import Terrain
 from eldir.training.configuration import TrainingConfig
 from eldir.training.loop import initial_controllers
+from eldir.validity import OK, REFUSED
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -10,9 +10,9 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from eldir.built.heat import SpringState, heat
+from eldir.built.heat import SpringState, heat, join_hubs
 from eldir.core.arguments import require_count, require_value, require_whole_number
-from eldir.core.records import Array, BoolArray, FloatArray, Record, record
+from eldir.core.records import Array, BoolArray, FloatArray, IntArray, Record, record
 from eldir.core.validation import validate
 from eldir.design import Design
 from eldir.parameters.springs import SpringParameters
@@ -144,17 +144,21 @@ def free_lengths(
     cycles: int = CYCLES,
     conditioning: int = CONDITIONING,
     interval: float = 0.05,
+    hubs: IntArray | None = None,
 ) -> FreeLengths:
     """Free lengths of springs that are heated by a gait: a settling time, conditioning cycles, then `cycles`
     that count.
 
     `springs`: one for all motors, or one for each; by default nominal ones. `interval` [s] is the time
-    between two rows of the table. Raises `InputError` for a number of springs that does not fit the gait, a
-    number of cycles that is not whole, and an interval that is not positive.
+    between two rows of the table. `hubs` of each motor: see `heat`. Raises `InputError` for a number of
+    springs that does not fit the gait, a number of cycles that is not whole, and an interval that is not
+    positive.
     """
     if not isinstance(springs, Sequence):
         springs = [springs or SpringParameters()] * len(gait.phase)
-    return free_lengths_batch([(gait, springs)], cycles, conditioning, interval)[0]
+    return free_lengths_batch(
+        [(gait, springs)], cycles, conditioning, interval, hubs=None if hubs is None else [hubs]
+    )[0]
 
 
 def free_lengths_batch(
@@ -164,9 +168,10 @@ def free_lengths_batch(
     interval: float = 0.05,
     *,
     many: bool = False,
+    hubs: Sequence[IntArray] | None = None,
 ) -> list[FreeLengths]:
-    """`free_lengths` of many gaits, each with the spring of each motor; all are heated side by side. `many`:
-    see `heat`."""
+    """`free_lengths` of many gaits, each with the spring of each motor; all are heated side by side. `many`,
+    and the `hubs` of each robot: see `heat`."""
     if not robots:
         return []
     cycles, conditioning = (
@@ -176,6 +181,8 @@ def free_lengths_batch(
     require_value("interval", 0 < interval < np.inf, "more than 0 s", interval)
     for gait, own in robots:
         require_count("phases in the gait", len(gait.phase), len(own), "spring that it heats")
+    if hubs is not None:
+        require_count("hubs", len(hubs), len(robots))
     ends = [round((SETTLE + gait.period * (cycles + conditioning)) / interval) for gait, _ in robots]
     every = [p for _, own in robots for p in own]
     on = np.zeros((max(ends), len(every)), bool)
@@ -184,7 +191,8 @@ def free_lengths_batch(
     for (gait, own), end, column in zip(robots, ends, last, strict=True):
         on[:end, column - len(own) : column] = gait.is_heating(starts[:end])
     state = SpringState(np.array([p.ambient for p in every]), np.ones(len(every)))
-    history = heat(on, interval, every, state, many=many)
+    joined = None if hubs is None else join_hubs(hubs)
+    history = heat(on, interval, every, state, many=many, hubs=joined)
     lengths = np.concatenate([[[p.cold_length for p in every]], history.length])
     return [
         FreeLengths(

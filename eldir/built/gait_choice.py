@@ -22,7 +22,7 @@ class GaitChoice:
     """The gait to drive next."""
 
     gait: Gait
-    kept: FilmedGait | None
+    kept_film: FilmedGait | None
     """The film of the gait, if a filmed gait is kept; otherwise None."""
     reason: str
     """Reason for the choice, in one line."""

@@ -31,7 +31,7 @@ Stage = Callable[[str], None]
 EVOLVED = "evolved"
 """Method of a gait that evolved with its design."""
 _SAMPLES = 8  # robots that try each period and duty
-_CYCLES, _HEAVIER = 1, 9.0  # counted cycles and mass scaling of robots with hubs, where a gait is chosen
+_CYCLES = 1  # counted cycles where a gait is chosen
 _NEAR = 0.05  # change of phase that other times may need: half the width of the peak
 _LONGER, _SHORTER = 1.25, 0.85
 _PREDICTING = "predicting the walks of {} samples"
@@ -65,7 +65,7 @@ class GaitSearchResult:
     """Predicted walks, by the same methods."""
     method: str
     """Method of the chosen gait."""
-    kept: FilmedGait | None = None
+    kept_film: FilmedGait | None = None
     """The filmed gait, if it is kept; otherwise None."""
     reason: str = ""
     """Why a filmed gait is kept or not, in one line; empty without films."""
@@ -112,11 +112,11 @@ def find_gait(
     if scene is None:
         return GaitSearchResult(gaits, walks, "search")
     chosen = choose_gait(design, searched, walks["search"], filmed, scene)
-    if chosen.kept is None:
+    if chosen.kept_film is None:
         return GaitSearchResult(gaits, walks, "search", reason=chosen.reason)
     gaits["filmed"] = chosen.gait
     (walks["filmed"],) = sample_walks(robots, [chosen.gait], samples, seed)
-    return GaitSearchResult(gaits, walks, "filmed", chosen.kept, chosen.reason)
+    return GaitSearchResult(gaits, walks, "filmed", chosen.kept_film, chosen.reason)
 
 
 def _find_evolved_gait(
@@ -150,7 +150,7 @@ def fit_evolved_gait(
     if not allowed:
         return own, ""  # the compiler says which limit forbids it
     # Other samples than those for which the walk is then predicted.
-    walks = sample_walks(robots, allowed, _SAMPLES, seed + 1, cycles=_CYCLES, mass_scaling=_HEAVIER)
+    walks = sample_walks(robots, allowed, _SAMPLES, seed + 1, cycles=_CYCLES, coarse=True)
     best = allowed[int(np.argmax([found.fitness for found in walks]))]
     reason = f"the rig does not allow the evolved {_describe_times(own)}; {_describe_times(best)} instead"
     return best, reason
@@ -172,18 +172,16 @@ def search_gait(design: Design, limits: HeatingLimits, seed: int = 0, stage: Sta
     samples around it farthest. A robot that falls counts as not walking.
 
     All relative phases are tried at the usual period and duty; the best of them again at the springs'
-    own timing, with longer pauses and with shorter heating. One cycle counts, of robots with nine times the
-    inertia: the walk that is predicted for the chosen gait is simulated anew.
+    own timing, with longer pauses and with shorter heating. One cycle counts, of coarse robots
+    (`PrintedRobot.coarse`): the walk that is predicted for the chosen gait is simulated anew.
     """
     stage("simulating the printed robot with all phases")
     robots, phases = nominal_robots(design, limits), _phases(design.morphology.motors, limits)
-    best = phases[
-        int(np.argmax(simulate_most_probable(robots, phases, cycles=_CYCLES, mass_scaling=_HEAVIER)))
-    ]
+    best = phases[int(np.argmax(simulate_most_probable(robots, phases, cycles=_CYCLES, coarse=True)))]
     tried = [best, *_retime(best, limits, limits.springs)]
     # Other samples than those for which the walk is then predicted.
     sampled = sample_walks_in_turn(
-        robots, tried, _SAMPLES, seed + 1, stage, _OTHER_TIMES, cycles=_CYCLES, mass_scaling=_HEAVIER
+        robots, tried, _SAMPLES, seed + 1, stage, _OTHER_TIMES, cycles=_CYCLES, coarse=True
     )
     return tried[int(np.argmax([found.expected for found in sampled]))]
 
@@ -196,13 +194,13 @@ def sample_walks_in_turn(
     stage: Stage,
     what: str,
     cycles: int | None = None,
-    mass_scaling: float = 1.0,
+    coarse: bool = False,
 ) -> list[SampledWalks]:
     """`sample_walks`, gait by gait: where springs cool slowly, each takes a minute or more."""
     found: list[SampledWalks] = []
     for number, gait in enumerate(gaits, start=1):
         stage(f"{what}: gait {number} of {len(gaits)}, {gait.period:g} s a cycle")
-        found += sample_walks(robots, [gait], samples, seed, cycles=cycles, mass_scaling=mass_scaling)
+        found += sample_walks(robots, [gait], samples, seed, cycles=cycles, coarse=coarse)
     return found
 
 

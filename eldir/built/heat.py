@@ -1,8 +1,9 @@
 """Two-way shape-memory springs heated by a current: heat balance, hysteresis, free length.
 
-    m c dT/dt = I^2 R(xi) - h A (T - T_ambient) + m L dxi/dt
+    m c dT/dt = I^2 R(xi) - h A (T - T_ambient) + sum of G (T_neighbour - T) + m L dxi/dt
 
-with xi the martensite fraction, which falls while heating (L > 0 is then absorbed). The kinetics are
+with xi the martensite fraction, which falls while heating (L > 0 is then absorbed). Neighbours are springs at
+the same hub; G is 0 by default, and each spring is then a problem of its own. The kinetics are
 Liang and Rogers' cosines. Written for a change from T to T' they need no memory of the point where the
 temperature reversed, and minor loops start from the fraction at that point:
 
@@ -12,21 +13,25 @@ temperature reversed, and minor loops start from the fraction at that point:
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
+from itertools import combinations
 from math import cos, exp, pi
 
 import numpy as np
 
 from eldir.core.arguments import require_count, require_shape, require_value
-from eldir.core.records import BoolArray, FloatArray, Record
+from eldir.core.records import BoolArray, FloatArray, IntArray, Record
 from eldir.parameters.springs import SpringParameters
 
 _SECANTS = 4  # rounds for the heat capacity over a step; a fifth changes T by less than 1e-3 K
 _MAX_CHANGE = 2.0  # [K]
 _GRID, _MAX_LOGARITHM = 0.01, 16.0  # of the logarithm of cooling: 0.7 K at most; after e^-16 it is as the air
 _COLD = 1e-9  # above the air: no spring that cools is colder [K]
+_MAX_EXCHANGE = 0.03  # of the difference from its neighbours that a spring may lose in one part of a step
+_NEIGHBOURS = 10  # of a spring in the lattice, five at each end: parts do not depend on the bodies in a batch
 _FEW = 48  # fewer springs are heated one by one in plain numbers; 4 of them so take a 20th of the time
 
 
@@ -101,6 +106,32 @@ class _Kinetics:
         return np.where(heating, xi * ratio[0], 1.0 - (1.0 - xi) * ratio[1])
 
 
+class _Exchange:
+    """Heat that passes between springs at the same hub."""
+
+    def __init__(self, conductance: FloatArray, hubs: IntArray):
+        """`conductance` of each spring [W/K], shape (A,): a pair has the mean of both. `hubs` of each spring,
+        shape (A, 2)."""
+        at: dict[int, list[int]] = defaultdict(list)
+        for spring, both in enumerate(hubs.tolist()):
+            for hub in both:
+                at[hub].append(spring)
+        pairs = [pair for springs in at.values() for pair in combinations(springs, 2)]
+        self._a, self._b = np.array(pairs, dtype=np.intp).reshape(-1, 2).T
+        self._conductance = (conductance[self._a] + conductance[self._b]) / 2
+        self._count = len(conductance)
+
+    def received(self, temperature: FloatArray) -> FloatArray:
+        """Heat that each spring receives from its neighbours [W], shape (A,); its sum is zero."""
+        flow, received = (
+            self._conductance * (temperature[self._a] - temperature[self._b]),
+            np.zeros(self._count),
+        )
+        np.add.at(received, self._b, flow)
+        np.subtract.at(received, self._a, flow)
+        return received
+
+
 def _doubled_cosine(angle: float) -> float:
     """Twice the cosine gA or 1 - gM, at an angle that grows from 0 to pi with the transformation."""
     return 2.0 if angle <= 0.0 else 0.0 if angle >= pi else 1.0 + cos(angle)
@@ -109,8 +140,14 @@ def _doubled_cosine(angle: float) -> float:
 class HeatModel:
     """Heat balance of A springs, each with its own parameters, integrated from state to state."""
 
-    def __init__(self, parameters: Sequence[SpringParameters], max_change: float = _MAX_CHANGE):
-        """`max_change`: steps are divided so that no temperature changes by more in one part [K]."""
+    def __init__(
+        self,
+        parameters: Sequence[SpringParameters],
+        max_change: float = _MAX_CHANGE,
+        hubs: IntArray | None = None,
+    ):
+        """`max_change`: steps are divided so that no temperature changes by more in one part [K]. `hubs`: see
+        `heat`."""
         self._max_change = max_change
 
         def gather(name: str) -> FloatArray:
@@ -135,6 +172,15 @@ class HeatModel:
             ]
         )
         self._strongest = np.minimum(self._most, self._voltage / least) ** 2 * greatest
+        conductance = gather("neighbour_conductance")
+        self._exchange_rate = _NEIGHBOURS * float((conductance / self._sensible).max(initial=0.0))  # [1/s]
+        self._exchange: _Exchange | None = None
+        if hubs is not None:
+            require_shape("hubs", np.shape(hubs), (len(conductance), 2))
+        if conductance.any() and len(conductance) > 1:
+            expected, remedy = "those of each spring, between which heat passes", "pass hubs=body.motor_hubs"
+            require_value("hubs", hubs is not None, expected, "none", remedy)
+            self._exchange = _Exchange(conductance, np.asarray(hubs))
 
     def with_ambient(self, ambient: FloatArray) -> HeatModel:
         """The same springs in air of other temperatures [C], shape (A,)."""
@@ -153,7 +199,9 @@ class HeatModel:
         heated = on.max(axis=0, initial=0.0) * self._strongest
         strongest = np.maximum(heated, self._loss * np.abs(state.temperature - self._ambient))
         parts = max(1, int(np.ceil((strongest / self._sensible).max(initial=0.0) * dt / self._max_change)))
-        few = len(state.temperature) < _FEW and not many
+        parts = max(parts, int(np.ceil(self._exchange_rate * dt / _MAX_EXCHANGE)))
+        # With heat between springs every body takes the same way, alone or beside others.
+        few = len(state.temperature) < _FEW and not many and self._exchange_rate == 0.0
         way = self._heat_one_by_one if few else self._heat_together
         temperatures, fractions, currents = way(on, dt / parts, parts, state)
         lengths = self._cold + (self._hot - self._cold) * (1.0 - fractions)
@@ -162,18 +210,26 @@ class HeatModel:
     def cool(self, state: SpringState, seconds: float) -> SpringState:
         """The springs after `seconds` in which nothing heats them, however long.
 
-        A spring that is colder than the air counts as one of the air's temperature.
+        A spring that is colder than the air counts as one of the air's temperature. Raises `InputError`
+        where heat passes between springs: then only `run` knows their temperatures.
         """
+        self._require_no_exchange()
         s, time = self._cooling(state, float((self._loss / self._sensible).max()) * seconds)
         reached = np.array([np.interp(seconds, column, s) for column in time.T])
         excess, xi = self._cooled(state, reached)
         return SpringState(self._ambient + excess, xi)
 
     def cooling_time(self, state: SpringState, above: float) -> FloatArray:
-        """Time until each spring is within `above` [K] of the air, if nothing heats [s], shape (A,)."""
+        """Time until each spring is within `above` [K] of the air, if nothing heats [s], shape (A,). Raises
+        `InputError` where heat passes between springs."""
+        self._require_no_exchange()
         goal = np.log(np.maximum((state.temperature - self._ambient) / above, 1.0))
         s, time = self._cooling(state, float(goal.max()))
         return np.array([np.interp(g, s, column) for g, column in zip(goal, time.T, strict=True)])
+
+    def _require_no_exchange(self) -> None:
+        alone = self._exchange is None
+        require_value("neighbour_conductance", alone, "0 W/K where springs cool in one step")
 
     def _cooling(self, state: SpringState, longest: float) -> tuple[FloatArray, FloatArray]:
         """The time at which cooling springs reach each temperature of a grid, by the heat balance:
@@ -197,33 +253,42 @@ class HeatModel:
 
     def _heat_together(self, on: FloatArray, dt: float, parts: int, state: SpringState) -> FloatArray:
         """Temperatures, fractions and currents after every `parts` steps of `dt` [s], shape (3, T, A)."""
-        loss, sensible, kinetics = self._loss, self._sensible, self._kinetics
         temperature, xi = state.temperature, state.martensite
+        cosines = self._kinetics.cosines(temperature)
         found = np.empty((3, *on.shape))
-        cosines = kinetics.cosines(temperature)
         for t, closed in enumerate(on):
-            charge = np.zeros(len(loss))
+            charge = np.zeros(len(temperature))
             for _ in range(parts):
                 resistance = self._r_hot + self._r_change * xi
                 current = np.minimum(self._most, self._voltage / (resistance + self._lead))
-                target = self._ambient + closed * current**2 * resistance / loss
-                heating = target > temperature
-                capacity = sensible
-                for _ in range(_SECANTS):
-                    after = target + (temperature - target) * np.exp(-loss * dt / capacity)
-                    cosines_after = kinetics.cosines(after)
-                    xi_after = kinetics.fraction(xi, cosines, heating, cosines_after)
-                    if not (changed := xi_after != xi).any():
-                        break
-                    rise = after - temperature
-                    secant = np.divide(
-                        xi_after - xi, rise, out=np.zeros_like(xi), where=changed & (rise != 0)
-                    )
-                    capacity = sensible - self._latent * secant
-                temperature, xi, cosines = after, xi_after, cosines_after
+                heat, now = closed * current**2 * resistance, (temperature, xi, cosines)
+                if self._exchange is not None:  # Heun's method: the mean of what flows before and after
+                    received = self._exchange.received(temperature)
+                    then, _, _ = self._step(*now, heat + received, dt)
+                    heat = heat + (received + self._exchange.received(then)) / 2
+                temperature, xi, cosines = self._step(*now, heat, dt)
                 charge += closed * current / parts
             found[:, t] = temperature, xi, charge
         return found
+
+    def _step(
+        self, temperature: FloatArray, xi: FloatArray, cosines: FloatArray, heat: FloatArray, dt: float
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Temperatures, fractions and cosines after `dt` [s] in which each spring gets this heat [W]."""
+        loss, sensible, kinetics = self._loss, self._sensible, self._kinetics
+        target = self._ambient + heat / loss
+        heating = target > temperature
+        capacity = sensible
+        for _ in range(_SECANTS):
+            after = target + (temperature - target) * np.exp(-loss * dt / capacity)
+            cosines_after = kinetics.cosines(after)
+            xi_after = kinetics.fraction(xi, cosines, heating, cosines_after)
+            if not (changed := xi_after != xi).any():
+                break
+            rise = after - temperature
+            secant = np.divide(xi_after - xi, rise, out=np.zeros_like(xi), where=changed & (rise != 0))
+            capacity = sensible - self._latent * secant
+        return after, xi_after, cosines_after
 
     def _heat_one_by_one(self, on: FloatArray, dt: float, parts: int, state: SpringState) -> FloatArray:
         """What `_heat_together` finds. Springs that are alike and heated alike are computed once."""
@@ -283,17 +348,20 @@ def heat(
     state: SpringState | None = None,
     *,
     many: bool = False,
+    hubs: IntArray | None = None,
 ) -> SpringHistory:
     """Temperatures, fractions and lengths of A springs while their contacts switch.
 
     `on` (T, A): whether the contact is closed in each step of `dt` seconds, or in which fraction of it.
-    `parameters`: one for all springs, or one for each. Without `state` the springs start cold. Raises
-    `InputError` where shapes do not fit, and for a step that is not positive.
+    `parameters`: one for all springs, or one for each. Without `state` the springs start cold. `hubs`: the
+    two hubs of each spring, shape (A, 2), such as `body.motor_hubs`; springs at the same hub pass heat to
+    each other if they have a `neighbour_conductance`. Raises `InputError` where shapes do not fit, for a step
+    that is not positive, and where heat passes between springs whose hubs are not given.
 
     Each step is the exact exponential for a constant heat capacity, the secant of the transformation over
     this step, so that the heat balance closes. Long steps are divided. Few springs are computed in another
     way than many, with other rounding; `many` takes the way of many, so that a spring's result does not
-    depend on their number.
+    depend on their number. Springs that pass heat always take the way of many.
     """
     on = np.asarray(on, dtype=np.float64)
     require_shape("on", on.shape, (None, None))
@@ -302,7 +370,14 @@ def heat(
     require_value("dt", 0 < dt < np.inf, "more than 0 s", dt)
     if state is not None:
         require_count("temperatures in the state", len(state.temperature), len(each), "spring")
-    return HeatModel(each).run(on, dt, state, many=many)
+    return HeatModel(each, hubs=hubs).run(on, dt, state, many=many)
+
+
+def join_hubs(robots: Sequence[IntArray]) -> IntArray:
+    """The hubs of the springs of all robots, shape (A, 2), for springs that are heated side by side: no two
+    robots have one in common."""
+    above = np.cumsum([0, *(1 + int(hubs.max(initial=-1)) for hubs in robots)])
+    return np.concatenate([hubs + first for hubs, first in zip(robots, above, strict=False)])
 
 
 def heating_time(temperature: float, parameters: SpringParameters, limit: float = 600.0) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -55,7 +55,6 @@ def drive(
     every: int = 1,
     step: float | None = None,
     free: tuple[float, float] | Sequence[tuple[float, float]] = FREE,
-    mass_scaling: float = 1.0,
     terrain: Terrain | None = None,
 ) -> list[PrintedMotion]:
     """Move robots by prescribed free lengths of their active springs, side by side.
@@ -64,12 +63,11 @@ def drive(
     (K + 1, A). Positions are kept at every `every`-th instant. `states` are those at the end of earlier
     motions, to continue them. `step` [s]: the largest integration step; by default 0.95 of what is stable in
     any pose. `free`: cold and hot free length [m], between which the stiffness goes from cold to hot, for all
-    robots or for each. `mass_scaling`: factor on the inertia of all masses, whose weight stays; steps become
-    longer by its square root. A gait is slow, so that the motion hardly changes: docs/reference/built.md has
-    the error. `terrain`: the ground, by default the table y = 0; robots without a state begin where
+    robots or for each. For choices among many, drive `PrintedRobot.coarse`: it takes an eighth of the time.
+    `terrain`: the ground, by default the table y = 0; robots without a state begin where
     `eldir.built.ground.place` puts them. Raises `InputError` for a table or a state of the wrong shape, an
-    interval, a step or an `every` that is not positive, a hot free length that is not longer, masses that are
-    made lighter, and a terrain that is too steep or too fine; `EldirError` for a step that is not stable.
+    interval, a step or an `every` that is not positive, a hot free length that is not longer, and a terrain
+    that is too steep or too fine; `EldirError` for a step that is not stable.
     """
     from eldir.engine.built import motion_batch
 
@@ -78,12 +76,10 @@ def drive(
     every = check_times([interval] * len(robots), every, step)
     if terrain is not None:
         check_terrain(terrain)
-    require_value("mass_scaling", 1 <= mass_scaling < np.inf, "1 or more", mass_scaling)
     if not robots:
         return []
     ranges = free_ranges(free, len(robots))
     starts = states if states is not None else [place(robot, terrain) for robot in robots]
-    robots = [_scale_masses(robot, mass_scaling) for robot in robots]
     members = [
         pack(
             robot,
@@ -102,20 +98,6 @@ def drive(
             x[diverged // every + 1 :] = rotations[diverged // every + 1 :] = np.nan
         motions.append(PrintedMotion(np.arange(len(x)) * every * interval, x, rotations, end, diverged))
     return motions
-
-
-def _scale_masses(robot: PrintedRobot, factor: float) -> PrintedRobot:
-    """The robot with `factor` times the inertia and the same weight (mass scaling, as in explicit finite
-    elements of slow processes). Drag and dashpots change so that all of it is as if time went slower."""
-    if factor == 1:
-        return robot
-    p, slower = robot.parameters, np.sqrt(factor)
-    return replace(
-        robot,
-        masses=factor * robot.masses,
-        damping=np.where(robot.active, robot.damping, slower * robot.damping),
-        parameters=replace(p, gravity=p.gravity / factor, drag=p.drag / slower, hexagon=factor * p.hexagon),
-    )
 
 
 def check_tables(robots: Sequence[PrintedRobot], lengths: Sequence[FloatArray]) -> None:

@@ -16,6 +16,8 @@ from eldir.morphology import Morphology
 from eldir.parameters.printed import BuiltParameters, Joints
 from eldir.parameters.robot import RobotParameters
 
+SOFT_TENSION = 20e3
+"""Stiffness in tension of the strips of a coarse robot [N/m]."""
 _ON_GROUND = 1e-6  # height below which a mass is a foot [m]
 _RANK = 1e-9  # of the largest singular value
 
@@ -73,11 +75,45 @@ class PrintedRobot(Record):
         """The same robot, with its ballast and the errors of its strips and feet, of other parameters."""
         p, now = parameters, self.parameters
         grown = p.scale / now.scale
-        masses = self.masses + _masses(p, self.springs, self.active) - _masses(now, self.springs, self.active)
+        grown_masses = _masses(p, self.springs, self.active) - _masses(now, self.springs, self.active)
         return replace(
-            self._with_masses(masses, p),
+            self._with_masses(self.masses + grown_masses, p),
             positions=grown * self.positions,
             rest_lengths=grown * self.rest_lengths,
+        )
+
+    def coarse(
+        self, tension: float = SOFT_TENSION, damping: float = 0.25, inertia: float = 2.0
+    ) -> PrintedRobot:
+        """A robot that walks nearly as this one in an eighth of the time, for choices among many: with strips
+        of at most `tension` [N/m] and, if it has hubs, `damping` times their damping and `inertia` times the
+        inertia, so that longer steps are stable.
+
+        With pins it keeps its masses, because it would fold. Clamped strips stay as they are.
+        docs/reference/evolving-for-building.md has the error.
+        """
+        p = self.parameters
+        if self.joints == "clamped":
+            return self
+        soft = replace(p, tension=min(p.tension, tension))
+        if self.joints == "pins":
+            return self.with_parameters(soft)
+        soft = replace(soft, strip_damping=damping * p.strip_damping)
+        return self.with_parameters(soft).with_mass_scaling(inertia)
+
+    def with_mass_scaling(self, factor: float) -> PrintedRobot:
+        """The robot with `factor` times the inertia and the same weight (mass scaling, as in explicit finite
+        elements of slow processes). Drag and dashpots change so that all of it is as if time went slower.
+        Raises `InputError` for a factor below 1."""
+        require_value("factor", 1 <= factor < np.inf, "1 or more", factor)
+        p, slower = self.parameters, np.sqrt(factor)
+        return replace(
+            self,
+            masses=factor * self.masses,
+            damping=np.where(self.active, self.damping, slower * self.damping),
+            parameters=replace(
+                p, gravity=p.gravity / factor, drag=p.drag / slower, hexagon=factor * p.hexagon
+            ),
         )
 
     def with_ballast(self, ballast: float | FloatArray) -> PrintedRobot:

@@ -215,28 +215,26 @@ def sample_walks(
     seed: int = 0,
     *,
     cycles: int | None = None,
-    mass_scaling: float = 1.0,
+    coarse: bool = False,
 ) -> list[SampledWalks]:
     """Walks of `n` samples with each gait; all gaits have the same samples.
 
-    `cycles` count after the first one, five by default. `mass_scaling`, as `drive` takes it, is for choices
-    among many.
+    `cycles` count after the first one, five by default. `coarse` is for choices among many
+    (`PrintedRobot.coarse`).
     """
     walks, ties = displacements_and_ties(
-        *_simulation_arguments(robots, robots.samples(n, seed), gaits, cycles or CYCLES), mass_scaling
+        *_simulation_arguments(robots, robots.samples(n, seed), gaits, cycles or CYCLES, coarse)
     )
     shape = len(gaits), n
     return [SampledWalks(*of) for of in zip(walks.reshape(shape), ties.reshape(shape), strict=True)]
 
 
 def simulate_most_probable(
-    robots: RobotDistribution, gaits: Sequence[Gait], *, cycles: int | None = None, mass_scaling: float = 1.0
+    robots: RobotDistribution, gaits: Sequence[Gait], *, cycles: int | None = None, coarse: bool = False
 ) -> FloatArray:
     """Displacement of the most probable robot with each gait [body lengths per five cycles], shape (gaits,);
-    minus infinity where it fell or folded. `cycles` and `mass_scaling` as in `sample_walks`."""
-    return displacements(
-        *_simulation_arguments(robots, [robots.robot], gaits, cycles or CYCLES), mass_scaling
-    )
+    minus infinity where it fell or folded. `cycles` and `coarse` as in `sample_walks`."""
+    return displacements(*_simulation_arguments(robots, [robots.robot], gaits, cycles or CYCLES, coarse))
 
 
 def _walks(common: RobotDistribution, robots: Sequence[RobotParameters], gaits: Sequence[Gait]) -> FloatArray:
@@ -247,13 +245,20 @@ def _walks(common: RobotDistribution, robots: Sequence[RobotParameters], gaits: 
 
 
 def _simulation_arguments(
-    common: RobotDistribution, robots: Sequence[RobotParameters], gaits: Sequence[Gait], cycles: int
+    common: RobotDistribution,
+    robots: Sequence[RobotParameters],
+    gaits: Sequence[Gait],
+    cycles: int,
+    coarse: bool = False,
 ) -> tuple[list[PrintedRobot], list[FreeLengths], int, list[tuple[float, float]]]:
     """The arguments of `displacements` for all robots with the first gait, then with the next one."""
     body = common.morphology
     built = [build(body, robot, ballast=common.ballast) for robot in robots]
+    if coarse:
+        built = [robot.coarse() for robot in built]
     springs = [robot.motor_springs(body.motors) for robot in robots]
-    tables = free_lengths_batch([(gait, own) for gait in gaits for own in springs], cycles)
+    heated = [(gait, own) for gait in gaits for own in springs]
+    tables = free_lengths_batch(heated, cycles, hubs=[body.motor_hubs] * len(heated))
     free = [common.free_lengths_of(robot) for robot in robots]
     return built * len(gaits), tables, cycles, free * len(gaits)
 

@@ -9,12 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from itertools import product
 
 import numpy as np
 
-from eldir.built.gait import CYCLES, DUTY, PERIOD, Gait, free_lengths
-from eldir.built.robot import build, count_mechanisms, find_shape_fault, static_margin
+from eldir.built.gait import CYCLES, DUTY, PERIOD, FreeLengths, Gait, free_lengths
+from eldir.built.robot import SOFT_TENSION, build, count_mechanisms, find_shape_fault, static_margin
 from eldir.built.walking import displacements
 from eldir.core.records import FloatArray, Record
 from eldir.morphology import Morphology
@@ -24,7 +25,6 @@ from eldir.parameters.springs import SpringParameters
 MARGIN = 0.02
 """Required static margin [m]; 0.03 is safe."""
 PHASES = 8
-_SOFT = 20e3  # tension of the strips in the first pass [N/m]
 _SOFT_CYCLES = 2
 _EXACT = 12  # designs that the second pass takes
 _AT_ONCE = 8  # designs that are driven between two calls of `progress`
@@ -83,16 +83,20 @@ def screen(
         if margin < MARGIN:
             why = f"static margin {margin * 1e3:.0f} mm, required {MARGIN * 1e3:.0f} mm"
         found.append(ScreeningResult(i, margin, loose, np.zeros(0), None, False, why))
-    tables = {
-        (motors, cycles): [(g, free_lengths(g, spring, cycles)) for g in candidate_gaits(motors, phases)]
-        for motors in {m.motors for m in morphologies}
-        for cycles in (_SOFT_CYCLES, CYCLES)
-    }
+
+    @cache
+    def heated(motors: int, hubs: bytes, cycles: int) -> list[tuple[Gait, FreeLengths]]:
+        of = np.frombuffer(hubs, np.int32).reshape(-1, 2) if hubs else None
+        return [(g, free_lengths(g, spring, cycles, hubs=of)) for g in candidate_gaits(motors, phases)]
+
+    # Only where heat passes between springs does it matter which of them meet.
+    hubs_of = [m.motor_hubs.tobytes() if spring.neighbour_conductance else b"" for m in morphologies]
 
     def simulate_phases(chosen: list[int], parameters: BuiltParameters, cycles: int, exact: bool) -> None:
         for first in range(0, len(chosen), _AT_ONCE):
             together = chosen[first : first + _AT_ONCE]
-            pairs = [(i, *pair) for i in together for pair in tables[morphologies[i].motors, cycles]]
+            tables = [heated(morphologies[i].motors, hubs_of[i], cycles) for i in together]
+            pairs = [(i, *pair) for i, own in zip(together, tables, strict=True) for pair in own]
             robots = {i: build(morphologies[i], parameters) for i in together}
             walks = displacements([robots[i] for i, _, _ in pairs], [t for _, _, t in pairs], cycles, free)
             for i in together:
@@ -103,7 +107,7 @@ def screen(
                 progress(0.5 * exact + 0.5 * (first + len(together)) / len(chosen))
 
     standing = [s.index for s in found if not s.rejected]
-    simulate_phases(standing, replace(p, tension=min(_SOFT, p.tension)), _SOFT_CYCLES, False)
+    simulate_phases(standing, replace(p, tension=min(SOFT_TENSION, p.tension)), _SOFT_CYCLES, False)
     simulate_phases(sorted(standing, key=lambda i: -found[i].best)[:_EXACT], p, CYCLES, True)
     return found
 
@@ -111,7 +115,7 @@ def screen(
 def simulate_soft_walks(morphologies: Sequence[Morphology], phases: int = PHASES) -> FloatArray:
     """The first pass alone: displacement of every design in its best phase, with soft strips [body lengths
     per five cycles], shape (n,); minus infinity if it fell or folded in all phases."""
-    soft, spring = replace(BuiltParameters(), tension=_SOFT), SpringParameters()
+    soft, spring = replace(BuiltParameters(), tension=SOFT_TENSION), SpringParameters()
     best = np.full(len(morphologies), -np.inf)
     for first in range(0, len(morphologies), _AT_ONCE):
         pairs = [

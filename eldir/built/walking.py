@@ -91,7 +91,8 @@ def walk(
     require_count("gaits", len(gaits), len(every))
     spring = springs or SpringParameters()
     heated = [(own, [spring] * int(robot.active.sum())) for own, robot in zip(gaits, every, strict=True)]
-    tables = free_lengths_batch(heated, cycles)
+    hubs = [robot.springs[robot.active] for robot in every]
+    tables = free_lengths_batch(heated, cycles, hubs=hubs)
     free = spring.cold_length, spring.hot_length
     walks = displacements(every, tables, cycles, free, terrain=terrain)
     return float(walks[0]) if alone else walks
@@ -102,20 +103,19 @@ def displacements(
     tables: Sequence[FreeLengths],
     cycles: int,
     free: tuple[float, float] | Sequence[tuple[float, float]],
-    mass_scaling: float = 1.0,
     max_coil_load: float = 1.0,
     terrain: Terrain | None = None,
 ) -> FloatArray:
     """Displacement under prescribed free lengths [body lengths per five cycles], shape (n,); minus infinity
     if the robot fell or folded, or if a coil buckled: then nothing is predicted.
 
-    `free`: cold and hot free length [m], `mass_scaling` and `terrain`, as `drive` takes them.
+    `free`: cold and hot free length [m], and `terrain`, as `drive` takes them.
     `max_coil_load`: the compression of a coil that counts as buckling, over that at which it buckles; less
     than one is a margin.
     """
     if not robots:
         return np.zeros(0)
-    motions = _simulate(robots, tables, _SAMPLE, free, mass_scaling, terrain)
+    motions = _simulate(robots, tables, _SAMPLE, free, terrain)
     return np.array(
         [_displacement(*one, cycles, max_coil_load) for one in zip(robots, motions, tables, strict=True)]
     )
@@ -126,14 +126,13 @@ def displacements_and_ties(
     tables: Sequence[FreeLengths],
     cycles: int,
     free: tuple[float, float] | Sequence[tuple[float, float]],
-    mass_scaling: float = 1.0,
     terrain: Terrain | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """`displacements`, and the share of ties of each robot after its first cycle
     (`tie_share`), shape (n,) each; NaN where the robot fell or folded."""
     if not robots:
         return np.zeros(0), np.zeros(0)
-    motions = _simulate(robots, tables, _FINE_SAMPLE, free, mass_scaling, terrain)
+    motions = _simulate(robots, tables, _FINE_SAMPLE, free, terrain)
     walks, ties = np.zeros(len(robots)), np.full(len(robots), np.nan)
     for r, (robot, motion, table) in enumerate(zip(robots, motions, tables, strict=True)):
         part = slice(None, None, _SAMPLE // _FINE_SAMPLE)
@@ -149,13 +148,10 @@ def _simulate(
     tables: Sequence[FreeLengths],
     every: int,
     free: tuple[float, float] | Sequence[tuple[float, float]],
-    mass_scaling: float,
     terrain: Terrain | None,
 ) -> list[PrintedMotion]:
     lengths, interval = [t.lengths for t in tables], tables[0].interval
-    return drive(
-        robots, lengths, interval, every=every, free=free, mass_scaling=mass_scaling, terrain=terrain
-    )
+    return drive(robots, lengths, interval, every=every, free=free, terrain=terrain)
 
 
 def _displacement(

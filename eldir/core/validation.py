@@ -6,12 +6,12 @@ import ast
 import inspect
 import json
 import re
+import sys
 from abc import ABCMeta
 from dataclasses import fields, is_dataclass, replace
 from datetime import date
 from functools import cache
 from itertools import pairwise
-from textwrap import dedent
 from types import NoneType, UnionType
 from typing import Any, ClassVar, Self, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
@@ -269,9 +269,34 @@ def field_texts(cls: type) -> dict[str, str]:
     found: dict[str, str] = {}
     for base in reversed(cls.__mro__):
         if is_dataclass(base) or (issubclass(base, Plain) and base is not Plain):
-            [declared] = ast.parse(dedent(inspect.getsource(base))).body
-            assert isinstance(declared, ast.ClassDef)
-            for entry, below in pairwise(declared.body):
-                if isinstance(entry, ast.AnnAssign) and isinstance(below, ast.Expr):
-                    found[ast.unparse(entry.target)] = " ".join(ast.literal_eval(below.value).split())
+            found |= _module_texts(base.__module__)[base.__qualname__]
     return found
+
+
+@cache
+def _module_texts(module: str) -> dict[str, dict[str, str]]:
+    """The texts below the fields of each class of a module. Python reads the whole module for the source of
+    one class."""
+    texts: dict[str, dict[str, str]] = {}
+
+    def read(node: ast.AST, scope: str) -> None:
+        for inner in ast.iter_child_nodes(node):
+            name = f"{scope}{getattr(inner, 'name', '')}"
+            if isinstance(inner, ast.ClassDef):
+                texts[name] = _own_texts(inner)
+                read(inner, f"{name}.")
+            elif isinstance(inner, ast.FunctionDef | ast.AsyncFunctionDef):
+                read(inner, f"{name}.<locals>.")
+            elif isinstance(inner, ast.stmt):
+                read(inner, scope)
+
+    read(ast.parse(inspect.getsource(sys.modules[module])), "")
+    return texts
+
+
+def _own_texts(declared: ast.ClassDef) -> dict[str, str]:
+    return {
+        ast.unparse(entry.target): " ".join(ast.literal_eval(below.value).split())
+        for entry, below in pairwise(declared.body)
+        if isinstance(entry, ast.AnnAssign) and isinstance(below, ast.Expr)
+    }

@@ -47,6 +47,7 @@ from eldir.errors import InputError
 from eldir.morphology import Morphology, offsets
 from eldir.physics import Physics, resolve_physics
 from eldir.scene import SOFTENING, Scene
+from eldir.validity import NO_GRADIENT, OK
 
 _MIN_LANDING_SPEED = 0.025
 """Least speed of a landing over the step [m/s2]: 1e-4 m/s at the released code's 4 ms. A constant would let
@@ -66,7 +67,10 @@ class BatchResult:
     losses: NDArray[np.float64]
     """Losses [m], shape (n, iterations + 1); infinite from the update at which a robot diverged."""
     status: NDArray[np.int32]
-    """-1, or the step at which the robot diverged."""
+    """-1, -3 if the gradient is not finite, or the step at which the robot diverged."""
+    growth: NDArray[np.float64]
+    """Growth of the gradient in each reverse sweep (`eldir.validity`), shape (n, iterations + 1); 0 where
+    there was none."""
     best: NDArray
     """Best weights or, without iterations, gradients; in the layout of the batch's weights."""
     record: NDArray
@@ -151,18 +155,33 @@ def prepare(
 
     def compute() -> BatchResult:
         d_physics = launch.physics_gradients.values
-        launch.queue[0], launch.losses[:], d_physics[:] = 0, np.inf, 0.0
+        launch.queue[0], launch.losses[:], d_physics[:], launch.growth[:] = 0, np.inf, 0.0, 0.0
         set_compile_options(scene.precision)
         kernel(launch)
         losses = launch.losses.astype(np.float64).reshape(len(owns), config.iterations + 1)
+        growth = launch.growth.astype(np.float64).reshape(losses.shape)
+        if config.physics_gradients:
+            _discard_overflows(launch, losses, batch)
         gradients = physics_gradients(d_physics, batch, scene, owns) if config.physics_gradients else []
         staggered = scene.integrator == "second-order"
         return BatchResult(
-            batch, losses, launch.status, launch.best.ravel(), launch.record.ravel(), record_at, staggered,
-            gradients,
+            batch, losses, launch.status, growth, launch.best.ravel(), launch.record.ravel(), record_at,
+            staggered, gradients,
         )  # fmt: skip
 
     return compute
+
+
+def _discard_overflows(launch: LearningLaunch, losses: NDArray[np.float64], batch: Batch) -> None:
+    """Robots without a finite gradient of physics have none of weights and no loss either: all become as
+    those of a robot that diverged."""
+    at, d_physics, best = batch.physics_offsets(True), launch.physics_gradients.values, launch.best.ravel()
+    for r, status in enumerate(launch.status):
+        own = d_physics[at[r] : at[r + 1]]
+        if status == OK and not np.isfinite(own).all():
+            launch.status[r], losses[r] = NO_GRADIENT, np.inf
+        if launch.status[r] != OK:
+            own[:], best[batch.weight_at[r] : batch.weight_at[r + 1]] = 0.0, 0.0
 
 
 def _launch(
@@ -204,6 +223,7 @@ def _launch(
         best=aligned(len(weights) if config.backward else 32, real).reshape(-1, 32),
         work=WorkspaceViews(memory, *(memory.reshape(-1, width) for width in (1, 2, 4, 16, 32))),
         losses=aligned(robots * (config.iterations + 1), real), status=aligned(robots, np.int32),
+        growth=aligned(robots * (config.iterations + 1), real),
         record=aligned(16 * max(int(record_at[-1]), 1), real).reshape(-1, 16),
         physics_gradients=_values_and_lanes(aligned(max(int(physics_at[-1]), 16), real)),
         cotangents=packed_cotangents.reshape(-1, 16),
@@ -272,10 +292,12 @@ def _ground_arrays(scene: Scene, grid: bool) -> GroundArrays:
 
 
 def _compute_on_device(batch: Batch, task: device.DeviceTask) -> BatchResult:
-    losses, status, best = compute_on_device(task)
+    losses, status, best, growth = compute_on_device(task)
     nothing = aligned(0, task.weights.dtype)
     nowhere = np.zeros(len(status) + 1, np.int32)
-    return BatchResult(batch, losses.astype(np.float64), status, best, nothing, nowhere, False, [])
+    return BatchResult(
+        batch, losses.astype(np.float64), status, growth.astype(np.float64), best, nothing, nowhere, False, []
+    )
 
 
 def _values_and_lanes(array: NDArray[Any]) -> ValuesAndLanes:

@@ -6,11 +6,14 @@ The same kernels are compiled by Taichi and by Quadrants: `eldir.core.kernels` c
 
 from __future__ import annotations
 
+import inspect
+import linecache
 import os
 import warnings
+from collections.abc import Callable
 from functools import cache
 from importlib import import_module
-from types import CodeType, FunctionType
+from types import CodeType
 from typing import Any
 
 import numpy as np
@@ -33,19 +36,19 @@ def aligned(size: int, dtype: DTypeLike) -> NDArray[Any]:
     return raw[first : first + size * kind.itemsize].view(kind)
 
 
-def _cache_source_lines(reader: Any) -> None:
-    """The compilers read a function's source from its file each time that a kernel calls it: read it once."""
-    lines = reader.getsourcelines
+def _read_source_once(reader: Any) -> None:
+    """For each call of a function in a kernel the compilers read its source again, and search all modules
+    for its own. Here its file is read, once."""
+    lines, file = reader.getsourcelines, cache(reader.getsourcefile)
 
     @cache
     def lines_of(code: CodeType) -> tuple[list[str], int]:
-        found: tuple[list[str], int] = lines(code)
+        rest = linecache.getlines(code.co_filename)[code.co_firstlineno - 1 :]
+        found: tuple[list[str], int] = (inspect.getblock(rest), code.co_firstlineno) if rest else lines(code)
         return found
 
-    def getsourcelines(function: FunctionType) -> tuple[list[str], int]:
-        return lines_of(function.__code__)
-
-    reader.getsourcelines = getsourcelines
+    reader.getsourcelines = lambda function: lines_of(function.__code__)
+    reader.getsourcefile = lambda function: file(function.__code__)
 
 
 def _shorten_positions(context: Any, name: str) -> None:
@@ -68,6 +71,27 @@ def _skip_class_search(kernels: Any) -> None:
     kernels._inside_class = lambda level_of_class_stackframe: False
 
 
+def new_kernel(function: Callable[..., None]) -> Any:
+    """The function as a kernel."""
+    kernel = ti.kernel(function)
+    if NAME == "quadrants":
+        _translate_once(kernel._primal)
+    return kernel
+
+
+def _translate_once(kernel: Any) -> None:
+    """Quadrants translates a kernel twice: the first time to find which fields it uses of the records among
+    its arguments, which is known of a kernel from its cache of sources. Ours have no records as arguments."""
+    load = kernel._try_load_fastcache
+
+    def used_fields(arguments: Any, key: Any) -> set[str]:
+        used: set[str] = load(arguments, key) or set()
+        kernel.used_py_dataclass_parameters_by_key_enforcing[key] = used
+        return used
+
+    kernel._try_load_fastcache = used_fields
+
+
 os.environ["ENABLE_TAICHI_HEADER_PRINT"] = "0"  # they print their versions when imported
 os.environ["ENABLE_QUADRANTS_HEADER_PRINT"] = "0"
 try:
@@ -80,14 +104,14 @@ try:
     _contexts = import_module(f"{NAME}.lang.ast.ast_transformer_utils")
     _skip_class_search(import_module(f"{NAME}.lang.kernel_impl"))
     if NAME == "taichi":
-        _cache_source_lines(import_module("taichi.lang.kernel_impl"))
+        _read_source_once(import_module("taichi.lang.kernel_impl"))
         _shorten_positions(_contexts.ASTTransformerContext, "get_pos_info")
     else:
-        _cache_source_lines(import_module("quadrants.lang._wrap_inspect"))
+        _read_source_once(import_module("quadrants.lang._wrap_inspect"))
         _shorten_positions(_contexts.ASTTransformerFuncContext, "_build_pos_info")
 except ImportError as error:
     raise MissingDependencyError(
         f"{NAME} cannot be loaded", found=str(error), remedy=f"install it again: pip install --force {NAME}"
     ) from None
 
-__all__ = ["ALIGNMENT", "NAME", "Expr", "aligned", "expr_init", "subscript", "ti"]
+__all__ = ["ALIGNMENT", "NAME", "Expr", "aligned", "expr_init", "new_kernel", "subscript", "ti"]

@@ -18,6 +18,7 @@ from eldir.engine.threads import for_each
 from eldir.morphology import Bodies, Morphology, offsets
 from eldir.physics import Physics
 from eldir.scene import Scene
+from eldir.validity import max_speeds
 
 ORIGIN = np.array([0.25, 0.1])
 """Origin of the kernel's coordinates [m]: under the middle of a robot on flat ground. Float32 is finest
@@ -152,7 +153,12 @@ def _pack_springs(
     batch.rest_length[spring] = np.concatenate([own.rest_lengths for own in physics])
     batch.stiffness_dt[spring] = np.concatenate([own.stiffness for own in physics]) * force[bodies.of_spring]
     scalars = ((schemes[o.damping], o) for o in physics)
-    batch.scalars[:] = [v for s, o in scalars for v in (s.decay, o.gravity * s.gravity, o.friction)]
+    fastest = max_speeds(bodies, scene, physics)
+    batch.scalars[:] = [
+        v
+        for (s, o), speed in zip(scalars, fastest, strict=True)
+        for v in (s.decay, o.gravity * s.gravity, o.friction, speed**2)
+    ]
 
 
 def place(bodies: Bodies, scene: Scene) -> FloatArray:

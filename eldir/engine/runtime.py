@@ -21,7 +21,7 @@ from typing import Annotated, Any, NamedTuple, TypeVar, get_args, get_origin, ge
 import numpy as np
 from numpy.typing import NDArray
 
-from eldir.engine.compiler import NAME, ti
+from eldir.engine.compiler import NAME, new_kernel, ti
 from eldir.engine.kernels import simd
 from eldir.engine.threads import worker_threads
 
@@ -146,7 +146,7 @@ def make_kernel(
     )
     scope = {"__name__": __name__, "ti": ti, "types": types, "work": work} | _records(record)
     exec(compile(source, file, "exec", dont_inherit=True), scope)
-    kernel = ti.kernel(scope["launch_" + record.__name__])
+    kernel = new_kernel(scope["launch_" + record.__name__])
 
     def run(launch: Record) -> None:
         with COMPILER_LOCK:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from eldir.core.files import read_json
 from eldir.core.version import __version__
 from eldir.design import Design
@@ -101,8 +103,9 @@ def _printed_designs(run: PrintedRun) -> list[Design]:
             walker.genome.genotype,
             controller,
             scene,
-            provenance={
-                "fitness_m": -float(losses.min()),
+            # A robot that diverged at once in the closed loop has no fitness in it.
+            provenance=({"fitness_m": -float(losses.min())} if np.isfinite(losses).any() else {})
+            | {
                 "generation": walker.generation,
                 "id": walker.number,
                 "parents": [walker.parent] if walker.parent >= 0 else [],

@@ -59,7 +59,8 @@ class SpringParameters(Record):
     """Parameters of one spring and its supply. The defaults are assumptions for the built robot until it is
     measured."""
 
-    OPTIONAL = frozenset[str]()
+    OPTIONAL = frozenset({"neighbour_conductance"})
+    """Keys that files of version 0.1.0 do not have."""
 
     wire_diameter: PositiveFloat = 0.75e-3
     """Diameter of the wire [m]."""
@@ -112,6 +113,9 @@ class SpringParameters(Record):
     """Shear modulus, all martensite [Pa]."""
     shear_modulus_hot: PositiveFloat = 23e9
     """Shear modulus, all austenite [Pa]."""
+    neighbour_conductance: Annotated[float, Field(ge=0, le=1, exclude_if=lambda value: value == 0.0)] = 0.0
+    """Heat that passes through a common hub to the spring of another motor, for each kelvin between them
+    [W/K]."""
 
     def __post_init__(self) -> None:
         for low, high in (

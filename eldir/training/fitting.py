@@ -36,12 +36,20 @@ from scipy.optimize import minimize
 
 from eldir.controller import Controller
 from eldir.core.arguments import require_count, require_known, require_shape, require_value
-from eldir.core.records import BoolArray, FloatArray, Record
+from eldir.core.records import BoolArray, FloatArray, IntArray, Record
 from eldir.engine.stable_step import subdivide_steps
 from eldir.morphology import Morphology
 from eldir.physics import GRIPPING, Physics, resolve_physics
-from eldir.rollout import check_controllers, group_by_substeps, select_from, simulate, split_by_memory
+from eldir.rollout import (
+    check_controllers,
+    group_by_substeps,
+    scene_step,
+    select_from,
+    simulate,
+    split_by_memory,
+)
 from eldir.scene import Scene
+from eldir.validity import OK, REFUSED
 
 FIT_PARAMETERS = (
     "stiffness",
@@ -65,12 +73,14 @@ class MotionGradient(Record):
     """The gradient of a function of the motion, for each of n robots."""
 
     losses: FloatArray
-    """The losses [m], shape (n,); infinite for a robot that diverged or was refused, whose gradients are
-    zero."""
+    """The losses [m], shape (n,); infinite for a robot that diverged or was refused, or whose gradient
+    overflowed. Its gradients are zero."""
     controllers: tuple[Controller, ...]
     """The gradient with respect to each controller's weights."""
     physics: tuple[Physics, ...]
     """The gradient with respect to each robot's physics, per unit of each parameter."""
+    status: IntArray
+    """Status of each robot, shape (n,), as of `eldir.rollout.LossesAndGradients`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +117,7 @@ def motion_gradient(
     check_controllers(morphologies, controllers)
     owns = resolve_physics(morphologies, scene, physics)
     _check_cotangents(morphologies, scene, cotangents)
-    losses = np.full(len(morphologies), np.inf)
+    losses, status = np.full(len(morphologies), np.inf), np.full(len(morphologies), REFUSED, np.int32)
     slopes = [b.scaled(0.0) for b in controllers]
     physical = [own.scaled(0.0) for own in owns]
     for parts, chosen in group_by_substeps(morphologies, scene, owns):
@@ -127,10 +137,11 @@ def motion_gradient(
                 cotangents=spread,
             )
             losses[here] = outcome.losses[:, 0]
+            status[here] = [scene_step(step, parts) for step in outcome.status]
             trained = outcome.batch.controllers(outcome.best)
             for i, weights, found in zip(here, trained, outcome.physics, strict=True):
                 slopes[i], physical[i] = weights, found
-    return MotionGradient(losses, tuple(slopes), tuple(physical))
+    return MotionGradient(losses, tuple(slopes), tuple(physical), status)
 
 
 def fit_physics(
@@ -200,11 +211,13 @@ class _FitProblem:
         """Mean square distance [m2] and its gradient with respect to the logarithms, shape (K,)."""
         own, seen = self.physics(logarithms), np.isfinite(self.observed)
         rollout = simulate([self.morphology], [self.controller], self.scene, [own])[0]
-        if rollout.status >= 0:
+        if rollout.status != OK:
             return _DIVERGED, np.zeros(len(self.scaled))
         off = np.where(seen, rollout.positions - np.where(seen, self.observed, 0.0), 0.0)
         cotangent = 4 * off / seen.sum()
         found = motion_gradient([self.morphology], [self.controller], self.scene, [own], [cotangent])
+        if found.status[0] != OK:
+            return _DIVERGED, np.zeros(len(self.scaled))
         (slope,) = found.physics
         gradient = [
             np.sum(np.where(which, getattr(slope, name) * getattr(own, name), 0.0))

@@ -16,14 +16,14 @@ import numpy as np
 
 from eldir.controller import Controller
 from eldir.core.arguments import require_count, require_whole_number
-from eldir.core.records import FloatArray, IntArray
-from eldir.engine.stable_step import subdivide_steps
+from eldir.core.records import BoolArray, FloatArray, IntArray
 from eldir.engine.threads import for_each
 from eldir.morphology import Morphology
 from eldir.physics import Physics
-from eldir.rollout import OK, REFUSED, group_by_substeps, scene_step, select_from
+from eldir.rollout import evaluate_gradients
 from eldir.scene import Scene
 from eldir.training.configuration import TrainingConfig
+from eldir.validity import OK, is_rounded
 
 Key = tuple[int, ...]
 """Seed of the random initial weights of one robot."""
@@ -87,11 +87,17 @@ class TrainingResult:
 
     losses: FloatArray
     """Losses before the first and after each update [m], shape (n, iterations + 1): the mean over the sampled
-    physics, infinite from the update at which one of these robots diverged."""
+    physics, infinite from the update at which one of these robots diverged or its gradient overflowed."""
     controllers: list[Controller]
     """The controller with the least loss, of each robot."""
     status: IntArray
-    """Status of each robot: -1, or the step at which it diverged, shape (n,)."""
+    """Status of each robot: -1, -3 if its gradient overflowed, or the step at which it diverged, shape
+    (n,)."""
+    growth: FloatArray
+    """Growth of the gradient of each loss (`eldir.rollout.LossesAndGradients`), shape (n, iterations + 1):
+    the greatest over the sampled physics, 0 where there was no gradient."""
+    rounded: BoolArray
+    """Whether rounding may dominate the gradient of each loss, shape (n, iterations + 1)."""
 
 
 def train(
@@ -132,7 +138,14 @@ def train_in_kernel(
         physics,
         config=batch.BatchConfig(iterations=iterations, update_length=length, backward=True),
     )
-    return TrainingResult(outcome.losses, outcome.batch.controllers(outcome.best), outcome.status)
+    growth = outcome.growth
+    return TrainingResult(
+        outcome.losses,
+        outcome.batch.controllers(outcome.best),
+        outcome.status,
+        growth,
+        is_rounded(growth, scene),
+    )
 
 
 def descend(
@@ -144,10 +157,12 @@ def descend(
     sample: Sampler,
     visit: Visit = lambda update, robot, controller: None,
 ) -> TrainingResult:
-    """Gradient descent, one call of the engine for each iteration. A robot that diverged learns no more."""
+    """Gradient descent, one call of the engine for each iteration. A robot that diverged, or whose gradient
+    overflowed, learns no more."""
     n, initial = len(bodies), list(initial)
     kind = np.float32 if scene.precision == "f32" else np.float64  # what the engine computes in
     losses, status = np.full((n, iterations + 1), np.inf), np.full(n, OK, np.int32)
+    growth, rounded = np.zeros(losses.shape), np.zeros(losses.shape, bool)
     weights, best = [c.flat for c in initial], list(initial)
     rules = [training.rule(len(w)) for w in weights]
     learning = list(range(n))
@@ -156,17 +171,21 @@ def descend(
         owns = {r: sample(r, k) for r in learning}
         for r in learning:
             visit(k, r, brains[r])
-        found, gradients, stopped = _evaluate(
+        found = evaluate_gradients(
             [bodies[r] for r in learning for _ in owns[r]],
             [brains[r] for r in learning for _ in owns[r]],
             scene,
             [own for r in learning for own in owns[r]],
         )
-        samples = len(found) // len(learning)
-        losses[learning, k] = found.reshape(-1, samples).mean(axis=1)
+        values, gradients = found
+        samples = len(values) // len(learning)
+        losses[learning, k] = values.reshape(-1, samples).mean(axis=1)
+        if k < iterations:  # no update follows the last loss
+            growth[learning, k] = found.growth.reshape(-1, samples).max(axis=1)
+            rounded[learning, k] = found.rounded.reshape(-1, samples).any(axis=1)
         for i, r in enumerate(learning):
             own = slice(i * samples, (i + 1) * samples)
-            status[r] = _first_divergence(stopped[own])
+            status[r] = _first_divergence(found.status[own])
             if losses[r, k] < losses[r, :k].min(initial=np.inf):
                 best[r] = brains[r]
             gradient = np.mean([s.flat for s in gradients[own]], axis=0)
@@ -174,30 +193,11 @@ def descend(
         learning = [r for r in learning if status[r] == OK]
         if not learning:
             break
-    return TrainingResult(losses, best, status)
-
-
-def _evaluate(
-    bodies: Sequence[Morphology], brains: Sequence[Controller], scene: Scene, physics: Sequence[Physics]
-) -> tuple[FloatArray, list[Controller], IntArray]:
-    """Losses, gradients and status, as `eldir.rollout.loss_and_gradient`, which gives no status."""
-    from eldir.engine import batch
-
-    losses, status = np.full(len(bodies), np.inf), np.full(len(bodies), REFUSED, np.int32)
-    gradients = [b.scaled(0.0) for b in brains]
-    for parts, chosen in group_by_substeps(bodies, scene, physics):
-        some, controllers, owns = select_from(chosen, bodies, brains, physics)
-        outcome = batch.run_batch(
-            some, controllers, subdivide_steps(scene, parts), owns, config=batch.BatchConfig(backward=True)
-        )
-        losses[chosen] = outcome.losses[:, 0]
-        status[chosen] = [scene_step(step, parts) for step in outcome.status]
-        for i, gradient in zip(chosen, outcome.batch.controllers(outcome.best), strict=True):
-            gradients[i] = gradient
-    return losses, gradients, status
+    return TrainingResult(losses, best, status, growth, rounded)
 
 
 def _first_divergence(status: IntArray) -> int:
-    """The status of several robots with one body: the first step at which one of them diverged."""
-    stopped = status[status != OK]
-    return int(stopped.min()) if len(stopped) else OK
+    """The status of several robots with one body: the first step at which one of them diverged, or else
+    what is wrong with one of them."""
+    diverged = status[status >= 0]
+    return int(diverged.min() if len(diverged) else status.min())

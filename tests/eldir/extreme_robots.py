@@ -9,8 +9,9 @@ import numpy as np
 from eldir.controller import Controller
 from eldir.lattice import Lattice
 from eldir.morphology import Morphology
-from eldir.rollout import OK, simulate
+from eldir.rollout import simulate
 from eldir.scene import SOFTENING, Scene
+from eldir.validity import OK
 from tests.eldir.engine.random_robots import one, triangles_at
 
 

@@ -8,9 +8,10 @@ from eldir.defaults import Optimiser
 from eldir.errors import EldirError, InputError
 from eldir.learning import learn
 from eldir.physics import Physics
-from eldir.rollout import REFUSED, loss_and_gradient, simulate
+from eldir.rollout import loss_and_gradient, simulate
 from eldir.scene import Scene
 from eldir.training.configuration import TrainingConfig
+from eldir.validity import REFUSED
 from tests.eldir.engine.random_robots import SMALL, WEIGHTS, robots
 from tests.eldir.engine.twin import paper_rollout
 from tests.eldir.random_physics import PAPER, RUGGED, drawn
@@ -68,7 +69,7 @@ def test_one_physics_for_all_is_a_scene(integrator: str, optimiser: Optimiser) -
 def test_a_robot_with_springs_too_stiff_for_the_step_is_refused() -> None:
     scene = PAPER.replace(steps=40)
     bodies, brains = robots(SMALL, 2, 5, scene)
-    stiff = [Physics.of(bodies[0], scene), Physics.of(bodies[1], scene).replace(stiffness=3e5)]
+    stiff = [Physics.of(bodies[0], scene), Physics.of(bodies[1], scene).replace(stiffness=6e4)]
     losses, _ = loss_and_gradient(bodies, brains, scene, stiff)
     assert np.isfinite(losses[0]) and np.isinf(losses[1])
     assert [r.status for r in simulate(bodies, brains, scene, stiff)] == [-1, REFUSED]

@@ -13,15 +13,17 @@ import typer
 
 from eldir_app.application import application
 from tests.eldir.random_design import make_design
+from tests.forked_programs import finished
 
 COMMANDS = ["demo", "evolve", "shortlist", "show", "packet", "gait", "track", "report"]
 
 
 def eldir(*arguments: str, **options) -> subprocess.CompletedProcess:
-    return subprocess.run(
-        [sys.executable, "-m", "eldir", *map(str, arguments)],
-        capture_output=True, text=True, timeout=120, check=False, **options,
-    )  # fmt: skip
+    """Started where `options` say how, and forked otherwise: other tests show its start."""
+    words = [sys.executable, "-m", "eldir", *map(str, arguments)]
+    if not options:
+        return finished(words)
+    return subprocess.run(words, capture_output=True, text=True, timeout=120, check=False, **options)
 
 
 ONE_AFTER_ANOTHER = """
@@ -69,6 +71,20 @@ def test_help_lists_the_commands_and_loads_nothing_heavy():
     text = eldir("--help").stdout
     for name in [*COMMANDS, "rig"]:
         assert name in text
+
+
+def test_the_command_starts_no_threads_of_openblas():
+    """They wait in a loop. A thread of a package would be seen too: on one core this shows nothing."""
+    code = (
+        "import atexit, os, sys; from eldir_app.main import main;"
+        "atexit.register(lambda: print('numpy' in sys.modules, len(os.listdir('/proc/self/task'))));"
+        "sys.argv[1:] = ['packet', 'none.json', '--out', 'packet']; main()"
+    )
+    environment = {name: value for name, value in os.environ.items() if name != "OPENBLAS_NUM_THREADS"}
+    words = [sys.executable, "-c", code]
+    run = subprocess.run(words, capture_output=True, text=True, check=False, env=environment)
+    assert (run.stdout, run.returncode) == ("True 1\n", 1), run.stderr
+    assert "none.json" in run.stderr
 
 
 def leaves(command, name):

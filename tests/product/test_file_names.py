@@ -18,7 +18,6 @@ from eldir_hardware.images.video import write_webm
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.template import virtual_rig
 from tests.app.catalogue.small_logs_and_reports import record
-from tests.eldir.random_design import make_design
 from tests.raised import raises
 
 ODD = os.fsdecode(b"dir\xe4")
@@ -97,12 +96,13 @@ def test_what_is_no_file_is_not_shown(name: str) -> None:
 
 
 def test_closed_streams_cost_only_what_they_would_have_taken(tmp_path: Path) -> None:
-    make_design(0).save(tmp_path / "design.json")
+    """A file that got the descriptor of a closed stream would have the stream's lines in it."""
+    whole = virtual_rig(physics="mujoco")
     for number, closed in enumerate((">&-", "2>&-", "<&-", "<&- >&- 2>&-")):
-        out = tmp_path / f"{number}.png"
-        shown = eldir("show", tmp_path / "design.json", "--out", out, shell=f'exec "$@" {closed}')
-        assert (shown.returncode, shown.stderr) == (0, ""), closed
-        assert shown.stdout == ("" if " >&-" in f" {closed}" else f"{out}\n")
-        assert out.read_bytes().startswith(b"\x89PNG")
+        out = tmp_path / f"{number}.yaml"
+        made = eldir("rig", "new", "--out", out, shell=f'exec "$@" {closed}')
+        assert (made.returncode, made.stderr) == (0, ""), closed
+        assert (made.stdout == "") == (" >&-" in f" {closed}")
+        assert out.read_text() == whole
     refused = eldir("show", tmp_path / "none.json", shell='exec "$@" 2>&-')
     assert (refused.returncode, refused.stdout) == (1, "")

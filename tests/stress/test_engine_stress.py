@@ -20,9 +20,11 @@ from eldir.morphology import develop
 from eldir.rollout import loss_and_gradient
 from eldir.scene import Integrator, Scene
 from eldir.terrain import Terrain
+from eldir.validity import OK
 from tests.eldir.built.braced_robots import swing
 from tests.eldir.engine.random_robots import WEIGHTS, assert_float32_is_close, like, moved
 from tests.eldir.engine.twin import built_run
+from tests.eldir.extreme_scenes import assert_honest, assert_learns_honestly, random_extreme
 from tests.eldir.training.gradient_checks import KINDS, assert_gradients, robot
 
 pytestmark = pytest.mark.stress
@@ -113,6 +115,17 @@ def test_gradients_of_physics_of_large_robots(ground: str, integrator: str):
     for name, scene in KINDS[ground].items():
         longer = scene.replace(integrator=integrator, steps=80)
         assert_gradients(robot(name, longer, Lattice(6, 11)), longer)
+
+
+@pytest.mark.parametrize("hundred", range(3))
+def test_random_extreme_scenes_are_honest(hundred: int):
+    """No NaN with a good status, and no flagged loss kept."""
+    flagged = 0
+    for seed in range(100 * hundred, 100 * hundred + 100):
+        found = assert_honest(random_extreme(seed))
+        assert_learns_honestly(random_extreme(seed))
+        flagged += ((found.status != OK) | found.chaotic).any()
+    assert 20 < flagged < 80, "the scenes are at the edge"
 
 
 def test_random_robots_are_seldom_discarded():

@@ -36,7 +36,6 @@ from eldir_cad.kit.specification import Specification, load_specification
 from eldir_cad.shortlist import MAX_DESIGNS, SEED
 
 _NOT_FAR_ENOUGH = "walks less far than others"
-_HUB_MASS_SCALING = 4.0  # the mean of 8 walks changes by 0.03, root mean square
 _SAMPLED_PER_PLACE = 2  # designs to sample for each place on the list: samples change the order
 MAX_SIMULATED = 400
 """Designs to simulate as built, in the run's order; more take too long."""
@@ -120,8 +119,7 @@ def rank(
             if scene is None
             else IdentifiedRobots(body, robot, parameters=scene.parameters, covariance=scene.covariance)
         )
-        mass_scaling = _HUB_MASS_SCALING if robots.robot.printed.joints == "hubs" else 1.0
-        (walks,) = sample_walks(robots, [gait], seed=seed, mass_scaling=mass_scaling)
+        (walks,) = sample_walks(robots, [gait], seed=seed, coarse=robots.robot.printed.joints == "hubs")
         candidates.append(RankedDesign(design, report, s, gait, walks))
         show("samples", (i + 1) / len(standing))
     candidates.sort(key=lambda c: (c.is_doubtful, -c.spread.fitness))

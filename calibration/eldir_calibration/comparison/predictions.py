@@ -142,7 +142,7 @@ def _prepare_run(run: RecordedRun, scene: PrintedScene | None) -> _Simulation:
     nominal = RobotParameters(_nominal_joints(run.rig), run.rig.spring_parameters())
     whole = nominal if scene is None else scene.robot_of(run.design)
     robot = build(body, whole, ballast=ballast)
-    lengths = _free_lengths(run, whole.motor_springs(body.motors))
+    lengths = _free_lengths(run, whole.motor_springs(body.motors), body.motor_hubs)
     s, free = run.schedule, whole.free_lengths
     return _Simulation(run, robot, run.design.marks, free, lengths, s.cycles, run.robot.body_length)
 
@@ -158,7 +158,7 @@ def _prepare_samples(run: RecordedRun, scene: PrintedScene | None, count: int) -
     found = []
     for one in robots.samples(count, run.schedule.provenance.seed or 0):
         built = build(body, one, ballast=design.ballast / 2)
-        lengths = _free_lengths(run, one.motor_springs(body.motors))
+        lengths = _free_lengths(run, one.motor_springs(body.motors), body.motor_hubs)
         free = robots.free_lengths_of(one)
         found.append(
             _Simulation(run, built, design.marks, free, lengths, run.schedule.cycles, built.body_length, True)
@@ -204,7 +204,7 @@ def _stays_upright(one: _Simulation, found: PrintedMotion) -> bool:
     return stays_upright(one.robot, part, one.lengths[seconds])
 
 
-def _free_lengths(run: RecordedRun, springs: Sequence[SpringParameters]) -> FloatArray:
+def _free_lengths(run: RecordedRun, springs: Sequence[SpringParameters], hubs: IntArray) -> FloatArray:
     """Free lengths of the motors by the thermal model, every interval [m]. A control robot may follow the
     schedule of the intact one: channels of a motor that it has not heat nothing."""
     motors = len(springs)
@@ -216,5 +216,5 @@ def _free_lengths(run: RecordedRun, springs: Sequence[SpringParameters]) -> Floa
         if motors_by_channel[channel] < motors:
             on[:, motors_by_channel[channel]] |= states[:, column]
     cold = SpringState(np.array([s.ambient for s in springs]), np.ones(motors))
-    lengths = heat(on, _INTERVAL, springs, cold).length
+    lengths = heat(on, _INTERVAL, springs, cold, hubs=hubs).length
     return np.concatenate([[[s.cold_length for s in springs]], lengths])

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from eldir.built.heat import SpringState, heat
+from eldir.built.heat import SpringState, heat, join_hubs
 from eldir.built.motion import PrintedMotion, drive
 from eldir.built.robot import build
 from eldir.built.walking import TOPPLED_ANGLE
@@ -86,8 +86,11 @@ def predict_markers(
     """
     built = [build(body.morphology, robot, ballast=body.ballast) for robot in robots]
     springs = [robot.motor_springs(body.morphology.motors) for robot in robots]
-    free = [robot.free_lengths for robot in robots]
-    tables = [table for r in recordings for table in _free_lengths(r.contact_shares, springs)]
+    free, hubs = (
+        [robot.free_lengths for robot in robots],
+        join_hubs([body.morphology.motor_hubs] * len(robots)),
+    )
+    tables = [table for r in recordings for table in _free_lengths(r.contact_shares, springs, hubs)]
     runs = len(recordings)
     motions = drive(built * runs, tables, INTERVAL, free=free * runs)
     return [
@@ -109,12 +112,15 @@ def _interpolate_markers(motion: PrintedMotion, marker_masses: IntArray, times: 
     return x[before] * (1 - part) + x[before + 1] * part
 
 
-def _free_lengths(on: FloatArray, springs: Sequence[Sequence[SpringParameters]]) -> list[FloatArray]:
-    """Free lengths for `drive` of every robot, from the springs of its motors, all heated together."""
+def _free_lengths(
+    on: FloatArray, springs: Sequence[Sequence[SpringParameters]], hubs: IntArray
+) -> list[FloatArray]:
+    """Free lengths for `drive` of every robot, from the springs of its motors, all heated together. `hubs` of
+    the motors of all robots, as `heat` takes them."""
     motors = on.shape[1]
     each = [s for own in springs for s in own]
     state = SpringState(np.array([s.ambient for s in each]), np.ones(len(each)))
-    history = heat(np.tile(on, (1, len(springs))), INTERVAL, each, state)
+    history = heat(np.tile(on, (1, len(springs))), INTERVAL, each, state, hubs=hubs)
     cold = np.tile([s.cold_length for s in each], (_REST_INTERVALS + 1, 1))
     table = np.concatenate([cold, history.length])
     return [table[:, i * motors : (i + 1) * motors] for i in range(len(springs))]

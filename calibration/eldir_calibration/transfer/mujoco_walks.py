@@ -9,9 +9,10 @@ from typing import Literal
 import numpy as np
 
 from eldir.built.gait import CYCLES, FreeLengths, Gait, free_lengths
+from eldir.built.heat import join_hubs
 from eldir.built.robot import build, min_area_ratio
 from eldir.built.walking import FOLDED_AREA_RATIO, TOPPLED_ANGLE, rotation
-from eldir.core.records import FloatArray
+from eldir.core.records import FloatArray, IntArray
 from eldir.design import Design
 from eldir.errors import EldirError
 from eldir.morphology import Morphology
@@ -53,18 +54,22 @@ def walk_sampled_robot(
     counted, after one that is not. Once `cancelled` is set it gives up.
     """
     model = replace(sample_multibody(design.morphology, seed, design.ballast), numerics=FINE_NUMERICS)
-    heating = sample_heating(gait, seed, springs, cycles)
+    heating = sample_heating(gait, seed, springs, cycles, design.morphology.motor_hubs)
     return measure_walk(model, design.morphology, heating, cycles, springs, cancelled)
 
 
-def sample_heating(gait: Gait, seed: int, springs: SpringParameters, cycles: int) -> FreeLengths:
+def sample_heating(
+    gait: Gait, seed: int, springs: SpringParameters, cycles: int, hubs: IntArray | None = None
+) -> FreeLengths:
     """Free lengths of motors whose springs, one on each face, deviate by the seed; a motor follows their
-    mean."""
+    mean. `hubs` of each motor: heat passes between springs of one face."""
     deviations = np.random.default_rng([seed, 3])
     motors = len(gait.phase)
     own = [springs.perturb(deviations) for _ in range(_FACES * motors)]
     both = Gait(gait.period, np.repeat(gait.phase, _FACES), np.repeat(gait.duty, _FACES))
-    table = free_lengths(both, own, cycles)
+    if hubs is not None:  # each face has its own
+        hubs = join_hubs([hubs] * _FACES).reshape(_FACES, motors, 2).swapaxes(0, 1).reshape(-1, 2)
+    table = free_lengths(both, own, cycles, hubs=hubs)
     return replace(table, lengths=table.lengths.reshape(-1, motors, _FACES).mean(axis=2))
 
 

@@ -210,7 +210,7 @@ def explain_walk(
     body, nominal = one.design.morphology, BuiltParameters()
     model = replace(sample_multibody(body, seed, one.design.ballast, nominal), numerics=FINE_NUMERICS)
     springs, cycles = settings.springs, settings.cycles
-    table = free_lengths(one.gait, springs, cycles)
+    table = free_lengths(one.gait, springs, cycles, hubs=body.motor_hubs)
 
     def report_step(what: str) -> None:
         progress(f"explaining {one.file}: {what}", 1)

@@ -10,10 +10,7 @@ from eldir.engine.grid import FAMILIES
 from eldir.engine.kernels.contact import FRICTION, friction_contact, reset_segments
 from eldir.engine.kernels.layout import CPG_ROWS
 from eldir.engine.kernels.mass_spring import advance, family_offset, spring_impulse
-
-MAX_SPEED = 1e6 / 16
-"""A robot with a faster mass has diverged [m/s]. The CPU adds the greatest speeds of 16 groups of masses: a
-device is never the last to notice."""
+from eldir.validity import MAX_SQUARE, OK
 
 
 @ti.func
@@ -164,10 +161,10 @@ def advance_masses(thread, b: ti.template()):
     i = cell_of_thread(thread, b)
     if ti.static(robot.staggered):
         b.shared.adjacent_vx[i], b.shared.adjacent_vy[i] = b.shared.vx[i], b.shared.vy[i]
-    fastest = advance(robot, b.now, b.now, b.shared, i)
+    speed = advance(robot, b.now, b.now, b.shared, i)
     if ti.static(robot.ground.contact == FRICTION):
         friction_contact(robot, ti.static(b.shared.for_thread(i)), b.before, b.now, i)
-    if not (fastest < MAX_SPEED) and b.launch.status[b.at.robot] < 0:
+    if not (speed < robot.max_squared_speed) and b.launch.status[b.at.robot] == OK:
         b.launch.status[b.at.robot] = b.t
 
 
@@ -192,19 +189,36 @@ def sum_partial(thread, b: ti.template()):
 
 @ti.func
 def write_loss(thread, b: ti.template()):
-    """Writes the loss, minus the mean forward displacement, and keeps the best weights."""
+    """Writes the loss, minus the mean forward displacement. Where no gradient follows, keeps the best
+    weights."""
     settings = ti.static(b.launch.settings)
-    first = b.at.robot * (settings.iterations + 1)
     loss = -total(b, 0) * b.robot.inverse_count
+    if loss * loss < MAX_SQUARE:
+        if settings.iteration == settings.iterations or b.robot.n.motors == 0:
+            keep_best(thread, b, loss)
+        if thread == 0:
+            b.launch.losses[loss_index(b)] = loss
+    elif thread == 0:
+        b.launch.status[b.at.robot] = settings.steps - 1
+
+
+@ti.func
+def loss_index(b: ti.template()):
+    """Where this iteration's loss is, and the growth of its gradient."""
+    return b.at.robot * (b.launch.settings.iterations + 1) + b.launch.settings.iteration
+
+
+@ti.func
+def keep_best(thread, b: ti.template(), loss):
+    """Keeps the weights of a loss if it is less than all before."""
+    settings = ti.static(b.launch.settings)
     best = settings.iterations > 0
     for i in range(settings.iteration):
-        if not loss < b.launch.losses[first + i]:
+        if not loss < b.launch.losses[loss_index(b) - 1 - i]:
             best = False
     if best:
         for k in range(stride_count(b.robot.n.weights, thread, b.threads)):
             b.best[thread + k * b.threads] = b.weights[thread + k * b.threads]
-    if thread == 0:
-        b.launch.losses[first + settings.iteration] = loss
 
 
 @ti.func
@@ -224,6 +238,6 @@ def forward(thread, block: ti.template()):
         block.phase(spring_impulses, thread, now)
         block.phase(advance_masses, thread, now)
     block.phase(save_state, thread, ti.static(block.at_step(settings.end - 1)))
-    if settings.end == settings.steps and block.launch.status[block.at.robot] < 0:
+    if settings.end == settings.steps and block.launch.status[block.at.robot] == OK:
         block.phase(sum_partial, thread, block)
         block.phase(write_loss, thread, block)

@@ -19,8 +19,10 @@ from eldir.engine.grid import FAMILIES
 from eldir.engine.kernels.contact import FRICTION
 from eldir.engine.kernels.layout import SCALARS, State, read_row
 from eldir.engine.kernels.learning_launch import Robot, constants
+from eldir.engine.kernels.memory import reread
 from eldir.engine.kernels.simd import Simd, tanh_of
 from eldir.engine.runtime import argument_types, make_kernel
+from eldir.validity import OK
 
 Kernel = Callable[[DeviceLaunch], None]
 
@@ -78,7 +80,7 @@ def kernels(precision: str, threads: int, on_device: bool = True) -> Kernels:
             if ti.static(on_device):
                 worker, own = thread // threads, thread % threads
             at = ti.static(read_row(launch.offsets, launch.first + worker, layout.DeviceOffsets))
-            if launch.status[at.robot] < 0 and at.motors >= min_motors:
+            if launch.status[at.robot] == OK and at.motors >= min_motors:
                 shared = ti.static(
                     memory(
                         SharedMemory(simd.real, on_device, launch.shared, worker * values),
@@ -91,7 +93,11 @@ def kernels(precision: str, threads: int, on_device: bool = True) -> Kernels:
                 decay = launch.arrays.scalars[SCALARS * at.robot]
                 gravity_dt = launch.arrays.scalars[SCALARS * at.robot + 1]
                 friction = launch.arrays.scalars[SCALARS * at.robot + 2]
-                scalars_of_robot = ti.static((decay, gravity_dt, friction))
+                # The greatest speed is read where it is used: a register for the whole pass would make
+                # others spill.
+                scalars_of_robot = ti.static(
+                    (decay, gravity_dt, friction, reread(launch.arrays.scalars, SCALARS * at.robot + 3))
+                )
                 robot = ti.static(_robot(simd, launch, at, scalars_of_robot, inverse_count))
                 run(own, ti.static(_block(launch, threads, phase, at, robot, shared)))
 
@@ -156,7 +162,7 @@ def scalars(precision: str, threads: int) -> Simd:
 
 
 def _robot(
-    simd: Simd, launch: DeviceLaunch, at: layout.DeviceOffsets, scalars: tuple[Any, Any, Any],
+    simd: Simd, launch: DeviceLaunch, at: layout.DeviceOffsets, scalars: tuple[Any, Any, Any, Any],
     inverse_count: Any,
 ) -> Robot:  # fmt: skip
     n = layout.size(at.masses, at.motors, at.cells, at.reach)

@@ -22,9 +22,11 @@ WARP = 32
 """Threads that run in lockstep."""
 STATE = 4
 """x, y, vx, vy."""
-CARRY = 6
-"""Values of a mass that one launch leaves to the next: its state, or the gradients of it, and the two
-velocities of the adjacent step."""
+LARGEST_GRADIENT = 6
+"""Where the carry holds the greatest gradient of a position in a reverse sweep."""
+CARRY = LARGEST_GRADIENT + 1
+"""Values of a mass that one launch leaves to the next: its state, or the gradients of it, the two
+velocities of the adjacent step, and the greatest gradient of its position."""
 
 
 class Values(NamedTuple):

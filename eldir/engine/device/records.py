@@ -78,11 +78,14 @@ class DeviceLaunch(NamedTuple):
     g_weights: Numbers
     history: Numbers
     carry: Numbers
-    """State or gradient of every cell, which one launch leaves to the next."""
+    """State or gradient of every cell, which one launch leaves to the next, and the cell's greatest
+    gradient."""
     losses: Numbers
     """(robots, iterations + 1) [m]."""
+    growth: Numbers
+    """(robots, iterations + 1), as in `learning_launch.LearningLaunch`."""
     status: Integers
-    """For each robot -1, or the step at which it diverged."""
+    """For each robot -1, -3 if its gradient overflowed, or the step at which it diverged."""
     shared: Numbers
     """The blocks' shared memory on the CPU, else empty."""
 
@@ -110,3 +113,4 @@ class DeviceResult(NamedTuple):
     losses: NDArray
     status: NDArray[np.int32]
     best: NDArray
+    growth: NDArray

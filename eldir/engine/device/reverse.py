@@ -3,10 +3,10 @@
 from eldir.controller import HIDDEN
 from eldir.engine.compiler import ti
 from eldir.engine.device.forward import cell_of_thread, stride_count, sum_parts, total
-from eldir.engine.device.layout import ROWS, STATE, WARP
+from eldir.engine.device.layout import LARGEST_GRADIENT, ROWS, STATE, WARP
 from eldir.engine.grid import FAMILIES
-from eldir.engine.kernels.contact import FRICTION, friction_contact_adjoint, reset_segments
-from eldir.engine.kernels.layout import CPG_ROWS
+from eldir.engine.kernels.contact import FRICTION, absolute, friction_contact_adjoint, reset_segments
+from eldir.engine.kernels.layout import CHUNK, CPG_ROWS
 from eldir.engine.kernels.mass_spring import (
     advance_adjoint,
     family_offset,
@@ -34,10 +34,21 @@ def initialize(thread, b: ti.template()):
             column[thread] = b.carry[k * n.cell_rows + thread]
     if b.launch.settings.end == b.launch.settings.steps and thread < n.cell_rows:
         g.x[thread] = final_gradient(robot, thread)
+        b.carry[LARGEST_GRADIENT * n.cell_rows + thread] = zero
     g.wx[thread], g.wy[thread], m.x[thread], m.y[thread] = zero, zero, zero, zero
     for k in ti.static(range(FAMILIES)):
         m.activations[k * threads + thread] = zero
         m.forces.x[k * threads + thread], m.forces.y[k * threads + thread] = zero, zero
+
+
+@ti.func
+def note_gradient(b: ti.template(), i, state):
+    """Looks at the gradient of a mass's position in this state where the CPU does (`learning_kernel`)."""
+    settings, g = ti.static(b.launch.settings, b.shared.g)
+    back = settings.steps - state
+    if back > 0 and (back % CHUNK == 0 or state % settings.window == 0):
+        k = LARGEST_GRADIENT * b.robot.n.cell_rows + i
+        b.carry[k] = ti.max(b.carry[k], ti.max(absolute(g.x[i]), absolute(g.y[i])))
 
 
 @ti.func
@@ -46,6 +57,7 @@ def advance_masses_adjoint(thread, b: ti.template()):
     m, g, robot = ti.static(b.shared, b.shared.g, b.robot)
     i = cell_of_thread(thread, b)
     m.x[i], m.y[i] = b.history.x[i], b.history.y[i]
+    note_gradient(b, i, b.t + 1)
     if b.t + 1 < b.launch.settings.steps and (b.t + 1) % b.launch.settings.window == 0:
         g.x[i] = final_gradient(robot, i)
         g.y[i], g.vx[i], g.vy[i] = 0.0, 0.0, 0.0
@@ -177,6 +189,8 @@ def add_sensed_gradients(thread, b: ti.template()):
 def save_gradients(thread, b: ti.template()):
     """Writes the gradients for the next launch."""
     if thread < b.robot.n.cell_rows:
+        if b.launch.settings.first == 0:
+            note_gradient(b, thread, 0)
         for k, column in ti.static(enumerate(b.shared.gradient_carry)):
             b.carry[k * b.robot.n.cell_rows + thread] = column[thread]
 

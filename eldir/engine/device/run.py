@@ -14,6 +14,7 @@ from eldir.engine.device import layout
 from eldir.engine.device.kernels import kernels, shared_values
 from eldir.engine.device.records import DEVICE, DeviceArrays, DeviceLaunch, DeviceResult, DeviceTask
 from eldir.errors import EldirError
+from eldir.validity import OK
 
 _logger = logging.getLogger(__name__)
 
@@ -61,13 +62,17 @@ def run(task: DeviceTask, memory: DeviceMemory) -> DeviceResult:
         history=empty(max(c.history for c in chunks), real),
         carry=empty(layout.CARRY * len(task.arrays.mask), real),
         losses=put(np.full(robots * (iterations + 1), np.inf, real)),
-        status=put(np.full(robots, -1, np.int32)), shared=empty(max(shared, 1), real),
+        growth=put(np.zeros(robots * (iterations + 1), real)),
+        status=put(np.full(robots, OK, np.int32)), shared=empty(max(shared, 1), real),
     )  # fmt: skip
     for chunk in chunks:
         _compute(launch._replace(workers=chunk.robots, first=chunk.first), chunk.threads, task)
     to_numpy = memory.to_numpy
     return DeviceResult(
-        to_numpy(launch.losses).reshape(robots, -1), to_numpy(launch.status), to_numpy(launch.best)
+        to_numpy(launch.losses).reshape(robots, -1),
+        to_numpy(launch.status),
+        to_numpy(launch.best),
+        to_numpy(launch.growth).reshape(robots, -1),
     )
 
 

@@ -2,10 +2,11 @@
 
 from eldir.controller import HIDDEN
 from eldir.engine.compiler import ti
-from eldir.engine.device.forward import stride_count, sum_partial, total
-from eldir.engine.device.layout import WARP
+from eldir.engine.device.forward import keep_best, loss_index, stride_count, sum_partial, total
+from eldir.engine.device.layout import LARGEST_GRADIENT, WARP
 from eldir.engine.kernels.layout import CPG_ROWS
 from eldir.engine.kernels.memory import local
+from eldir.validity import MAX_SQUARE, NO_GRADIENT
 
 _ROWS, _UNITS = 8, 4
 """Weights of one thread while it adds up their gradients: so many inputs times so many hidden units."""
@@ -112,6 +113,33 @@ def update_gain(b: ti.template(), i):
 
 
 @ti.func
+def use_gradient(thread, b: ti.template()):
+    """An update or, without iterations, the gradient as the result. A loss whose gradient overflows does not
+    count."""
+    i = loss_index(b)
+    if thread == 0:
+        b.launch.growth[i] = largest_gradient(b) * b.robot.n.masses
+    if total(b, 0) < MAX_SQUARE:
+        if b.launch.settings.iterations > 0:
+            keep_best(thread, b, b.launch.losses[i])
+            update_weights(thread, b)
+        else:
+            write_gradient(thread, b)
+    elif thread == 0:
+        b.launch.losses[i] = ti.math.inf
+        b.launch.status[b.at.robot] = NO_GRADIENT
+
+
+@ti.func
+def largest_gradient(b: ti.template()):
+    """The greatest gradient of a position in the reverse sweep."""
+    largest, cells = ti.cast(0, b.robot.simd.real), b.robot.n.cell_rows
+    for k in range(cells):
+        largest = ti.max(largest, b.carry[LARGEST_GRADIENT * cells + k])
+    return largest
+
+
+@ti.func
 def update_weights(thread, b: ti.template()):
     """A step against the gradient, always of the same length (paper, Sect. Learning)."""
     rule = ti.static(b.launch.rule)
@@ -127,9 +155,6 @@ def update(thread, block: ti.template()):
     whole = ti.static(block.at_step(0))
     block.phase(input_weight_gradients, thread, whole)
     block.phase(motor_weight_gradients, thread, whole)
-    if block.launch.settings.iterations > 0:
-        block.phase(squared_gradient, thread, block)
-        block.phase(sum_partial, thread, block)
-        block.phase(update_weights, thread, block)
-    else:
-        block.phase(write_gradient, thread, block)
+    block.phase(squared_gradient, thread, block)
+    block.phase(sum_partial, thread, block)
+    block.phase(use_gradient, thread, block)

@@ -16,10 +16,12 @@ LANES = 16
 """Number of masses that are computed at a time."""
 CPG_ROWS = 16
 """The ten central pattern generators, padded."""
-SCALARS = 3
-"""Number of scalars of a robot: decay of its velocities and gravity in a step, friction."""
+SCALARS = 4
+"""Number of scalars of a robot: decay of its velocities and gravity in a step, friction, greatest squared
+speed."""
 CHUNK = 50
-"""Number of steps whose weight gradients are summed as one matrix product."""
+"""Number of steps whose weight gradients are summed as one matrix product, and after which the reverse
+sweep looks how large the gradient of the positions has become."""
 
 
 class RobotOffsets(NamedTuple):

@@ -11,7 +11,7 @@ from functools import cache
 
 from eldir.engine.compiler import ti
 from eldir.engine.kernels import layout
-from eldir.engine.kernels.contact import FRICTION, reset_segments
+from eldir.engine.kernels.contact import FRICTION, absolute, reset_segments
 from eldir.engine.kernels.controller import (
     actuate,
     actuate_adjoint,
@@ -35,11 +35,9 @@ from eldir.engine.kernels.mass_spring import (
     spring_impulses,
     spring_impulses_adjoint,
 )
-from eldir.engine.kernels.simd import fill, vectors
+from eldir.engine.kernels.simd import fill, max_of, vectors
 from eldir.engine.runtime import argument_types, make_kernel
-
-MAX_SPEEDS = 1e6
-"""Sum of the greatest speeds of 16 groups of masses [m/s] from which on a robot has diverged."""
+from eldir.validity import MAX_SQUARE, NO_GRADIENT, OK
 
 
 @cache
@@ -54,14 +52,16 @@ def learning_kernel(precision: str) -> Callable[[LearningLaunch], None]:
             if r >= launch.robots:
                 break
             decay = launch.arrays.scalars[SCALARS * r]
-            gravity_dt, friction = (
+            gravity_dt, friction, max_squared_speed = (
                 launch.arrays.scalars[SCALARS * r + 1],
                 launch.arrays.scalars[SCALARS * r + 2],
+                launch.arrays.scalars[SCALARS * r + 3],
             )
+            scalars = ti.static((decay, gravity_dt, friction, max_squared_speed))
             at = ti.static(layout.read_row(launch.offsets, r))
             n = ti.static(layout.size(at.masses, at.motors, at.cells, at.reach))
             inverse_count = ti.cast(1, simd.real) / n.masses
-            body = ti.static(robot_view(simd, launch, (decay, gravity_dt, friction), n, inverse_count, at))
+            body = ti.static(robot_view(simd, launch, scalars, n, inverse_count, at))
             memory = ti.static(workspace_view(launch, worker, n, r))
             weights = ti.static(weights_view(launch, n, at))
             robot = ti.static(body._replace(weights=weights, work=memory.scratch))
@@ -75,7 +75,8 @@ def learning_kernel(precision: str) -> Callable[[LearningLaunch], None]:
 
 @ti.func
 def train(body: ti.template(), launch: ti.template(), r, at: ti.template(), history: ti.template()):
-    """Rollouts, gradients and updates of one robot; returns the step at which it diverged, or -1."""
+    """Rollouts, gradients and updates of one robot; returns its status. A loss whose gradient is not finite
+    does not count."""
     settings, n, weights = ti.static(launch.settings, body.n, body.weights)
     robot = ti.static(body._replace(d_physics=physics_gradients_view(launch, n, at)))
     cotangents = ti.static(cotangents_view(launch, at))
@@ -83,26 +84,39 @@ def train(body: ti.template(), launch: ti.template(), r, at: ti.template(), hist
     iterations, rows = settings.iterations, n.weight_rows
     controlled = n.motors > 0 or settings.control_passive
     best_loss = ti.cast(0, robot.simd.real)
-    diverged_at = -1
+    status = OK
     for i in range(iterations + 1):
         if controlled:
             transpose_weights(robot)
-        diverged_at = rollout(robot, history, settings.steps)
-        if diverged_at >= 0:
+        status = rollout(robot, history, settings.steps)
+        if status != OK:
             break
         loss = mean_displacement_loss(robot, history, settings.steps)
+        if not (loss * loss < MAX_SQUARE):
+            status = settings.steps - 1
+            break
+        differentiates = settings.backward and (i < iterations or iterations == 0)
+        if ti.static(not settings.physics_gradients):
+            differentiates = differentiates and controlled
+        square = ti.cast(0, robot.simd.real)
+        if differentiates:
+            growth = differentiate(robot, history, cotangents, settings.steps, settings.window)
+            launch.growth[r * (iterations + 1) + i] = growth * n.masses
+            square = squared_norm(robot.simd, g_weights, rows, launch.rule.bias_gain)
+            if not (square < MAX_SQUARE):
+                status = NO_GRADIENT
+                break
         launch.losses[r * (iterations + 1) + i] = loss
         if settings.backward:
             if iterations > 0 and (i == 0 or loss < best_loss):
                 best_loss = loss
                 write_weights(launch.best, at, weights, rows)
-            if (controlled or ti.static(settings.physics_gradients)) and (i < iterations or iterations == 0):
-                differentiate(robot, history, cotangents, settings.steps, settings.window)
+            if differentiates:
                 if iterations > 0:
-                    update_weights(robot.simd, weights, g_weights, rows, ti.static(launch.rule))
+                    update_weights(weights, g_weights, square, rows, ti.static(launch.rule))
                 else:  # the gradient is the result
                     write_weights(launch.best, at, g_weights, rows)
-    return diverged_at
+    return status
 
 
 @ti.func
@@ -141,15 +155,15 @@ def rollout(robot: ti.template(), history: ti.template(), steps):
     if ti.static(robot.ground.contact == FRICTION):
         for i in range(robot.n.cell_rows):
             reset_segments(robot, robot.work.segments_below, i)
-    diverged_at = -1
+    diverged_at = OK
     for t in range(steps):
         now = ti.static(history.at(t))
         after = ti.static(history.at(t + 1))
         if robot.n.motors > 0 or robot.control_passive:
             actuate(robot, now, ti.static(history.at(ti.max(t - 1, 0))), t)
         spring_impulses(robot, now)
-        fastest = advance_masses(robot, now, after)
-        if diverged_at < 0 and not (fastest.sum() < MAX_SPEEDS):
+        too_fast = advance_masses(robot, now, after)
+        if diverged_at < 0 and too_fast.sum() > 0.5:
             diverged_at = t
             if robot.stop_on_divergence:
                 break
@@ -192,7 +206,10 @@ def add_cotangent(robot: ti.template(), cotangents: ti.template(), t):
 def differentiate(robot: ti.template(), history: ti.template(), cotangents: ti.template(), steps, window):
     """Writes the gradient of the loss with respect to the weights into `work.g_weights` and, if requested,
     with respect to physics into `d_physics`: the reverse sweep. With a window, the gradient is that of the
-    displacements in all windows, each traced back to its own beginning only."""
+    displacements in all windows, each traced back to its own beginning only.
+
+    Returns the greatest gradient of a position, looked at every `CHUNK` steps and at the beginning of
+    windows."""
     n, work, g = ti.static(robot.n, robot.work, robot.work.g)
     controlled = n.motors > 0 or robot.control_passive
     for i in range(n.weight_rows):
@@ -204,9 +221,11 @@ def differentiate(robot: ti.template(), history: ti.template(), cotangents: ti.t
     set_final_gradient(robot, share)
     clear_sensed_gradients(robot)
     kept = 0
+    largest = robot.simd.lanes(0.0)
     for back in range(steps):
         t = steps - 1 - back
         if back > 0 and (t + 1) % window == 0:
+            largest = ti.max(largest, position_gradients(robot))
             set_final_gradient(robot, share)
         if ti.static(robot.physics_gradients):
             add_cotangent(robot, cotangents, t + 1)
@@ -221,6 +240,7 @@ def differentiate(robot: ti.template(), history: ti.template(), cotangents: ti.t
                     g.x[i] = g.x[i] + share * robot.mask[i]
         kept += 1
         if kept == CHUNK or t == 0:
+            largest = ti.max(largest, position_gradients(robot))
             if controlled:
                 latest = ti.static(history.at(t + kept - 1))
                 add_weight_gradients(robot, latest, history.stride, kept)
@@ -228,6 +248,17 @@ def differentiate(robot: ti.template(), history: ti.template(), cotangents: ti.t
     if ti.static(robot.physics_gradients):
         add_cotangent(robot, cotangents, 0)
         write_velocity_gradient(robot)
+    return max_of(robot.simd, work.search_x, largest)
+
+
+@ti.func
+def position_gradients(robot: ti.template()):
+    """The greatest gradients of 16 groups of positions."""
+    g = ti.static(robot.work.g)
+    largest = robot.simd.lanes(0.0)
+    for i in range(robot.n.cell_rows):
+        largest = ti.max(largest, ti.max(absolute(g.x[i]), absolute(g.y[i])))
+    return largest
 
 
 @ti.func
@@ -242,14 +273,22 @@ def write_velocity_gradient(robot: ti.template()):
 
 
 @ti.func
-def update_weights(simd: ti.template(), weights: ti.template(), g: ti.template(), rows, rule: ti.template()):
-    """A step against the gradient, always of the same length (paper, Sect. Learning)."""
+def squared_norm(simd: ti.template(), g: ti.template(), rows, bias_gain):
+    """The squared norm of the weights' gradient, in which the hidden bias counts `bias_gain` times."""
     square = simd.row(0.0)
     for i in range(rows):
         square += g.all.row[i] * g.all.row[i]
     bias = g.b1.row[0]
-    square += (rule.bias_gain - 1.0) * bias * bias
-    step = rule.length / (ti.sqrt(square.sum()) + rule.min_gradient)
+    square += (bias_gain - 1.0) * bias * bias
+    return square.sum()
+
+
+@ti.func
+def update_weights(weights: ti.template(), g: ti.template(), square, rows, rule: ti.template()):
+    """A step against the gradient with this squared norm, always of the same length (paper, Sect.
+    Learning)."""
+    step = rule.length / (ti.sqrt(square) + rule.min_gradient)
+    bias = g.b1.row[0]
     for i in range(rows):
         weights.all.row[i] = weights.all.row[i] - step * g.all.row[i]
     weights.b1.row[0] = weights.b1.row[0] - (rule.bias_gain - 1.0) * step * bias

@@ -160,8 +160,11 @@ class LearningLaunch(NamedTuple):
     losses: Values
     """(robots, iterations + 1) [m]."""
     status: Integers
-    """For each robot -1, or the step at which it diverged."""
+    """For each robot -1, -3 if its gradient is not finite, or the step at which it diverged."""
     record: Lanes
+    growth: Values
+    """(robots, iterations + 1): how many times larger the gradient of a position became in a reverse sweep
+    than at its beginning; 0 where there was none."""
     physics_gradients: ValuesAndLanes
     """Gradients with respect to physics (`layout.PhysicsGradients`)."""
     cotangents: Lanes
@@ -200,6 +203,8 @@ class Robot(NamedTuple):
     """Gravity times dt, for this robot [m/s]."""
     friction: Any
     """Coefficient of friction, for this robot."""
+    max_squared_speed: Any
+    """This robot has diverged where a mass is faster [m2/s2] (`eldir.validity`)."""
     actuation: Any
     sensing_scale: Any
     softening: Any
@@ -248,11 +253,14 @@ class Cotangents(NamedTuple):
     """For every state x, then y."""
 
 
-def constants(launch: Any, decay: Any, gravity_dt: Any, friction: Any) -> dict[str, Any]:
+def constants(
+    launch: Any, decay: Any, gravity_dt: Any, friction: Any, max_squared_speed: Any
+) -> dict[str, Any]:
     """Fields of `Robot` that a launch, on the CPU or on a device, has for a robot with these scalars."""
     s, settings, g = launch.scene, launch.settings, launch.ground
     return {
-        "dt": s.dt, "decay": decay, "gravity_dt": gravity_dt, "friction": friction, "actuation": s.actuation,
+        "dt": s.dt, "decay": decay, "gravity_dt": gravity_dt, "friction": friction,
+        "max_squared_speed": max_squared_speed, "actuation": s.actuation,
         "sensing_scale": s.sensing_scale, "softening": s.softening,
         "min_landing_speed": s.min_landing_speed, "epsilon": s.epsilon,
         "closed_loop": settings.closed_loop, "control_passive": settings.control_passive,
@@ -267,8 +275,8 @@ def constants(launch: Any, decay: Any, gravity_dt: Any, friction: Any) -> dict[s
 
 
 def robot_view(
-    simd: Simd, launch: LearningLaunch, scalars: tuple[Any, Any, Any], n: layout.Size, inverse_count: Any,
-    at: layout.RobotOffsets,
+    simd: Simd, launch: LearningLaunch, scalars: tuple[Any, Any, Any, Any], n: layout.Size,
+    inverse_count: Any, at: layout.RobotOffsets,
 ) -> Robot:  # fmt: skip
     """The robot whose arrays begin at these offsets."""
     own = launch.arrays

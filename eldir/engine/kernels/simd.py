@@ -75,6 +75,16 @@ def gather(simd: ti.template(), column: ti.template(), index: ti.template(), i):
 
 
 @ti.func
+def max_of(simd: ti.template(), scratch: ti.template(), values):
+    """The greatest of `width` values, none negative; `scratch` has room for them."""
+    scratch[0] = values
+    most = ti.cast(0, simd.real)
+    for j in range(simd.width):
+        most = ti.max(most, scratch.each[j])
+    return most
+
+
+@ti.func
 def fill(simd: ti.template(), column: ti.template(), count, value):
     for i in range(count):
         column[i] = simd.lanes(value)

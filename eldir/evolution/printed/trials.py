@@ -1,8 +1,7 @@
-"""Trials that evaluate printed robots: short ones with soft strips and pins first, then hubs and new samples.
+"""Trials that evaluate printed robots: short ones with pins first, then hubs and new samples.
 
-Soft strips of 20 kN/m allow steps three times as long, and one counted cycle tells enough to leave bad bodies
-out. Robots with hubs have nine times the inertia, for steps three times as long: pins would fold. What
-decides is always the walk of samples with hubs that no choice was made with.
+All robots are coarse (`PrintedRobot.coarse`), and one counted cycle tells enough to leave bad bodies out.
+What decides is always the walk of samples with hubs that no choice was made with.
 docs/reference/evolving-for-building.md has the error and the cost of each kind of trial.
 """
 
@@ -22,16 +21,13 @@ from eldir.morphology import Morphology
 from eldir.parameters.robot import RobotParameters
 from eldir.terrain import Terrain
 
-SOFT = 20e3
-"""Stiffness of soft strips in tension [N/m]."""
 LANES = 8
 """Robots of one body that the engine moves at the cost of one."""
 FRESH = 8
 """New samples of one evaluation."""
 _COMPARED_GAITS, _SAMPLES_EACH = 2, 4
+_CYCLES = 1  # counted
 _TILT = np.radians(2)  # either way [rad]
-_STIFF = 40e3  # stiffness in tension of strips between hubs [N/m]: the walk changes by 0.08, root mean square
-_HEAVIER, _QUICK = 9.0, 16.0  # mass scaling of robots with hubs: walks change by less than 0.08
 _MAX_COIL_LOAD = 0.75  # of the compression at which a coil buckles: more counts as buckling
 _OFFSETS = (0.0, 0.06, -0.06, 0.125, -0.125, 0.25, -0.25, 0.5)
 """Changes of the motors' phases that the first trial tries, as fractions of the period."""
@@ -64,15 +60,15 @@ def make_screening_trial(
 
 
 def screen_gaits(trials: Sequence[Trial], nominal: RobotParameters) -> FloatArray:
-    """Walks of one sample with each gait, soft strips, one counted cycle, shape (trials, LANES)."""
+    """Walks of one sample with each gait, one counted cycle, shape (trials, LANES)."""
     lanes = [(t, g, k) for t in trials for k, g in enumerate(t.gaits)]
-    return _walks(lanes, _softer(nominal, SOFT), 1).reshape(-1, LANES)
+    return _walks(lanes, nominal).reshape(-1, LANES)
 
 
 def compare_gaits(trials: Sequence[Trial], nominal: RobotParameters) -> FloatArray:
     """Expected walks with each of two gaits: four samples with hubs, one counted cycle, shape (trials, 2)."""
     lanes = [(t, t.gaits[g], k) for t in trials for g in range(_COMPARED_GAITS) for k in range(_SAMPLES_EACH)]
-    walks = _walks(lanes, _with_hubs(nominal, SOFT), 1, _QUICK)
+    walks = _walks(lanes, _with_hubs(nominal))
     return count_falls_as_zero(walks).reshape(-1, _COMPARED_GAITS, _SAMPLES_EACH).mean(axis=2)
 
 
@@ -80,27 +76,22 @@ def evaluate_walks(trials: Sequence[Trial], nominal: RobotParameters) -> FloatAr
     """Walks of eight samples from `first` on, each trial with its only gait, shape (trials, FRESH); a fall
     counts as no walk. The samples have hubs: pins promise walks that hubs do not keep."""
     lanes = [(t, t.gaits[0], t.first + k) for t in trials for k in range(FRESH)]
-    return count_falls_as_zero(_walks(lanes, _with_hubs(nominal, _STIFF), 1, _HEAVIER)).reshape(-1, FRESH)
+    return count_falls_as_zero(_walks(lanes, _with_hubs(nominal))).reshape(-1, FRESH)
 
 
 def walk_on_slopes(trials: Sequence[Trial], nominal: RobotParameters) -> FloatArray:
-    """Expected walks down and up a slope of 2 degrees, each trial with its only gait: four samples, soft
-    strips, one counted cycle, shape (trials, 2)."""
-    soft = _softer(nominal, SOFT)
-    slopes = [replace(soft, printed=replace(soft.printed, tilt=float(tilt))) for tilt in (_TILT, -_TILT)]
+    """Expected walks down and up a slope of 2 degrees, each trial with its only gait: four samples, one
+    counted cycle, shape (trials, 2)."""
+    slopes = [
+        replace(nominal, printed=replace(nominal.printed, tilt=float(tilt))) for tilt in (_TILT, -_TILT)
+    ]
     lanes = [(t, t.gaits[0], k) for t in trials for _ in slopes for k in range(_SAMPLES_EACH)]
     tilted = [slope for _ in trials for slope in slopes for _ in range(_SAMPLES_EACH)]
-    return count_falls_as_zero(_walks(lanes, tilted, 1)).reshape(-1, len(slopes), _SAMPLES_EACH).mean(axis=2)
+    return count_falls_as_zero(_walks(lanes, tilted)).reshape(-1, len(slopes), _SAMPLES_EACH).mean(axis=2)
 
 
-def _softer(nominal: RobotParameters, most: float) -> RobotParameters:
-    """The robot with strips of at most this stiffness in tension [N/m]."""
-    printed = replace(nominal.printed, tension=min(most, nominal.printed.tension))
-    return replace(nominal, printed=printed)
-
-
-def _with_hubs(nominal: RobotParameters, most: float) -> RobotParameters:
-    return _softer(replace(nominal, printed=nominal.printed.with_hubs()), most)
+def _with_hubs(nominal: RobotParameters) -> RobotParameters:
+    return replace(nominal, printed=nominal.printed.with_hubs())
 
 
 def count_falls_as_zero(walks: FloatArray) -> FloatArray:
@@ -111,8 +102,6 @@ def count_falls_as_zero(walks: FloatArray) -> FloatArray:
 def _walks(
     lanes: Sequence[tuple[Trial, Gait, int]],
     nominal: RobotParameters | Sequence[RobotParameters],
-    cycles: int,
-    mass_scaling: float = 1.0,
 ) -> FloatArray:
     """Walks [body lengths per five cycles] of one sample for each lane, shape (lanes,); minus infinity where
     it fell, folded or came near to buckling a coil. `nominal`: one robot for all lanes or one for each, which
@@ -122,9 +111,10 @@ def _walks(
         NominalRobots(trial.body, robot).sample(np.random.default_rng([*trial.seed, number]))
         for (trial, _, number), robot in zip(lanes, robots_of, strict=True)
     ]
-    robots = [build(trial.body, s) for (trial, _, _), s in zip(lanes, samples, strict=True)]
+    robots = [build(trial.body, s).coarse() for (trial, _, _), s in zip(lanes, samples, strict=True)]
     springs = [s.motor_springs(trial.body.motors) for (trial, _, _), s in zip(lanes, samples, strict=True)]
     heated = [(gait, own) for (_, gait, _), own in zip(lanes, springs, strict=True)]
-    tables = free_lengths_batch(heated, cycles, many=True)  # a cluster's workers have few of them
+    hubs = [trial.body.motor_hubs for trial, _, _ in lanes]
+    tables = free_lengths_batch(heated, _CYCLES, many=True, hubs=hubs)  # a cluster's workers have few of them
     free, ground = robots_of[0].free_lengths, lanes[0][0].terrain
-    return displacements(robots, tables, cycles, free, mass_scaling, _MAX_COIL_LOAD, ground)
+    return displacements(robots, tables, _CYCLES, free, _MAX_COIL_LOAD, ground)

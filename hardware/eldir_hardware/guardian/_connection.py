@@ -50,6 +50,7 @@ def clean_environment() -> dict[str, str]:
     if safe := [p for p in libraries if _is_safe(p) and not _is_working_directory(p)]:
         passed_on["LD_LIBRARY_PATH"] = os.pathsep.join(safe)
     passed_on["PYDANTIC_DISABLE_PLUGINS"] = "__all__"  # plug-ins of other packages, which take long to find
+    passed_on["OPENBLAS_NUM_THREADS"] = "1"  # others take long to start, and the guardian needs none
     return passed_on
 
 

@@ -9,9 +9,11 @@ its pyproject.toml; the name on the left is the value of `marker` in a rig file:
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib.metadata import entry_points
+from functools import lru_cache
+from importlib.metadata import EntryPoint, entry_points
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -65,7 +67,7 @@ class MarkerKind:
 
 def installed_kinds() -> tuple[str, ...]:
     """The kinds of marker that are installed, sorted by name."""
-    return tuple(sorted({point.name for point in entry_points(group=ENTRY_POINT_GROUP)}))
+    return tuple(sorted(_entry_points(tuple(sys.path))))
 
 
 def require_kind(kind: str) -> str:
@@ -77,7 +79,7 @@ def require_kind(kind: str) -> str:
 
 def load_kind(kind: str) -> MarkerKind:
     """The kind of that name. Raises `InputError` where there is none, or it cannot be loaded."""
-    point = next(iter(entry_points(group=ENTRY_POINT_GROUP, name=require_kind(kind))))
+    point = _entry_points(tuple(sys.path))[require_kind(kind)]
     try:
         found = point.load()
     except (Exception, SystemExit) as error:  # another package's code runs here
@@ -91,3 +93,11 @@ def load_kind(kind: str) -> MarkerKind:
             remedy="repair or remove the package that provides it",
         )
     return found
+
+
+@lru_cache(maxsize=4)
+def _entry_points(path: tuple[str, ...]) -> dict[str, EntryPoint]:
+    """Entry points by name, of two the first; `path` is the import path on which they were searched. Each rig
+    file that is read asks for them, and a search takes longer than the reading."""
+    points = list(entry_points(group=ENTRY_POINT_GROUP))
+    return {point.name: point for point in reversed(points)}

@@ -138,8 +138,8 @@ def _require_quick_springs(limits: HeatingLimits, motors: int) -> None:
 def _displacements(found: GaitSearchResult) -> dict[str, PredictedWalk]:
     """Every gait with its predicted walk, by method."""
     walks = {name: _predicted_walk(gait, found.walks[name]) for name, gait in found.gaits.items()}
-    if found.kept is not None:
-        walks["filmed"] = replace(walks["filmed"], filmed=round(found.kept.walked, 6))
+    if found.kept_film is not None:
+        walks["filmed"] = replace(walks["filmed"], filmed=round(found.kept_film.walked, 6))
     return walks
 
 

@@ -30,7 +30,7 @@ def _own_index(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def runs(*words: str | Path) -> Result:
-    return CliRunner().invoke(application(), ["runs", *map(str, words)])
+    return CliRunner().invoke(application("runs"), ["runs", *map(str, words)])
 
 
 @pytest.fixture

@@ -87,7 +87,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def run(*words: object) -> None:
-    application()([str(word) for word in words], standalone_mode=False)
+    application(str(words[0]))([str(word) for word in words], standalone_mode=False)
 
 
 @pytest.mark.parametrize(

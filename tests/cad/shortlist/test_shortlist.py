@@ -127,7 +127,7 @@ def test_the_counts_add_up(top, monkeypatch):
     monkeypatch.setattr(module, "_filter_buildable", lambda designs, *_: [(d, None) for d in designs])
     monkeypatch.setattr(module, "screen", lambda *_, **__: stands)
     still = SampledWalks(np.zeros(2), np.zeros(2))
-    monkeypatch.setattr(module, "sample_walks", lambda robots, gaits, seed, mass_scaling: [still])
+    monkeypatch.setattr(module, "sample_walks", lambda robots, gaits, seed, coarse: [still])
     found = rank([], top)
     assert len(found.candidates) == top
     assert found.considered == top + sum(found.left_out.values()) == 10
@@ -187,8 +187,8 @@ def test_what_evolved_with_a_gait_walks_in_it_and_falls_count(tmp_path, monkeypa
     designs = [replace(d, provenance={"gait": evolved.to_json()}) for d in (WALKER, other)]
     walks = {17 + 23: [2.0, -np.inf, 2.1, -np.inf], 17 + 22: [1.4, 1.5, 1.4, 1.5]}
 
-    def sampled(robots, gaits, seed, mass_scaling):
-        assert mass_scaling == 4.0  # robots with hubs
+    def sampled(robots, gaits, seed, coarse):
+        assert coarse  # robots with hubs
         assert [g.phase[1] for g in gaits] == [0.4]
         motors = int(np.flatnonzero(robots.morphology.active).sum())
         return [SampledWalks(np.array(walks[motors]), np.zeros(4))]

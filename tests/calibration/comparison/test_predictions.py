@@ -109,6 +109,21 @@ def test_all_robots_in_one_batch_move_as_each_alone(driven: RecordedRun) -> None
     assert all(m.trajectory.times[-1] < alone.trajectory.times[-1] for m in found.others)
 
 
+def test_a_scene_may_know_that_heat_passes_between_springs(driven: RecordedRun) -> None:
+    body = driven.design.morphology
+    assert len(np.unique(body.springs[body.active])) == 3, "the motors have a hub in common"
+    nominal, found = RobotParameters(driven.robot.parameters, driven.rig.spring_parameters()), []
+    for value in (0.0, 0.03):
+        springs = replace(nominal.springs, neighbour_conductance=value)
+        scene = PrintedScene.of(replace(nominal, springs=springs), (), np.zeros((0, 0)))
+        found.append(predict_runs([driven], scene, 1))
+    without, passed = found
+    assert without.before is not None and passed.before is not None and same(without.before, passed.before)
+    own = [motions.own[0].trajectory.positions for motions in found]
+    assert np.abs(own[1] - own[0]).max() > 1e-4
+    assert passed.samples.fell == 1, "a sample was heated too: without its hubs it would be refused"
+
+
 def test_samples_are_those_that_a_gait_was_planned_with(driven: RecordedRun) -> None:
     """The same ones of six fall, and one that stays where it is does so in both."""
     design = make_design(10, Lattice(3, 6))

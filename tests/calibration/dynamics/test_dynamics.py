@@ -301,6 +301,26 @@ def test_a_prediction_is_what_the_engine_drives(recording: Recording) -> None:
         assert np.abs(x - alone.positions[30::2][: len(x), body.marker_masses]).max() < 1e-12
 
 
+def test_a_prediction_knows_which_springs_pass_heat_to_each_other(recording: Recording) -> None:
+    """Two robots whose two motors have one hub in common, each heated by itself."""
+    at_a_hub = walker().morphology
+    motors = np.flatnonzero((at_a_hub.springs == 3).any(axis=1))[:2]
+    at_a_hub = replace(at_a_hub, active=np.isin(np.arange(len(at_a_hub.springs)), motors))
+    short, body = recording.truncate(8.0), replace(walker(), morphology=at_a_hub)
+    robots = [
+        replace(SOFT, springs=replace(SOFT.springs, neighbour_conductance=value)) for value in (0.03, 0.01)
+    ]
+    (found,) = predict_markers(body, [short], robots)
+    for robot, x in zip(robots, found, strict=True):
+        springs = robot.springs
+        state, hubs = SpringState.cold(2, springs), np.array([[0, 1], [1, 2]])
+        history = heat(short.contact_shares, 0.05, springs, state, hubs=hubs)
+        table = np.concatenate([np.full((31, 2), springs.cold_length), history.length])
+        (alone,) = drive([build(at_a_hub, robot.printed)], [table], 0.05, free=robot.free_lengths)
+        assert np.abs(x - alone.positions[30::2][: len(x), body.marker_masses]).max() < 1e-12
+    assert np.abs(found[0] - found[1]).max() > 1e-5
+
+
 def test_a_residual_ignores_where_marks_are_and_counts_a_slip_once(recording: Recording) -> None:
     rng = np.random.default_rng(0)
     apart = rng.standard_normal((*recording.tracked.positions.shape[:2], 2))

@@ -211,7 +211,7 @@ def test_what_is_no_recording_in_these_units_is_refused(tmp_path: Path, table: T
     rig.write_text(virtual_rig())
     path = write(tmp_path / "table.csv", changed)
     words = ["calibrate", "springs", str(path), "--rig", str(rig), "--out", str(out)]
-    result = CliRunner().invoke(application(), words)
+    result = CliRunner().invoke(application(words[0]), words)
     assert isinstance(result.exception, InputError), result.output
     assert re.fullmatch(code, result.exception.code), result.exception
     assert re.search(message, str(result.exception)), result.exception
@@ -243,7 +243,7 @@ def test_a_result_that_no_rig_can_have_is_not_written(tmp_path: Path) -> None:
     rig.write_text(virtual_rig())
     path = write(tmp_path / "table.csv", table)
     words = ["calibrate", "springs", str(path), "--rig", str(rig), "--out", str(out)]
-    result = CliRunner().invoke(application(), words)
+    result = CliRunner().invoke(application(words[0]), words)
     assert isinstance(result.exception, InputError) and not out.exists()
     assert re.search(r"springs\.convection_still; .*100.* found 1", str(result.exception)), result.exception
 
@@ -255,7 +255,7 @@ def test_what_is_written_is_a_rig_with_these_constants(tmp_path: Path) -> None:
     rig.write_text(virtual_rig())
     path = write(tmp_path / "table.csv", table, ";", "utf-8-sig")
     words = ["calibrate", "springs", str(path), "--rig", str(rig), "--out", str(out)]
-    result = CliRunner().invoke(application(), words)
+    result = CliRunner().invoke(application(words[0]), words)
     assert result.exit_code == 0, result.exception
     assert re.search(r"residual: 0\.\d\d K .* noise of the samples: 0\.\d\d K", result.output)
     found = Rig.load(out).spring_parameters()

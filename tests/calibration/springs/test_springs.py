@@ -79,7 +79,7 @@ def test_the_command_writes_a_rig_file_that_keeps_its_comments(tmp_path):
     rig, out = tmp_path / "rig.yaml", tmp_path / "measured.yaml"
     rig.write_text(virtual_rig())
     result = CliRunner().invoke(
-        application(), ["calibrate", "springs", str(table), "--rig", str(rig), "--out", str(out)]
+        application("calibrate"), ["calibrate", "springs", str(table), "--rig", str(rig), "--out", str(out)]
     )
     assert result.exit_code == 0, result.exception
     assert re.search(r"residual: 0\.\d\d K .* noise of the samples: 0\.\d\d K", result.output)

@@ -51,7 +51,7 @@ SMALL = ("--samples", "2", "--cycles", "1")
 
 
 def transfer(*arguments: object) -> Result:
-    return CliRunner().invoke(application(), ["transfer", *map(str, arguments)])
+    return CliRunner().invoke(application("transfer"), ["transfer", *map(str, arguments)])
 
 
 def refused(*arguments: object) -> str:
@@ -99,7 +99,7 @@ def test_the_springs_are_those_of_evolution_or_of_the_rig(folder: Path, tmp_path
 
     monkeypatch.setattr("eldir_calibration.transfer.compared_walks.load_walking_design", reading)
     rig = tmp_path / "rig.yaml"
-    assert CliRunner().invoke(application(), ["rig", "new", "--out", str(rig)]).exit_code == 0
+    assert CliRunner().invoke(application("rig"), ["rig", "new", "--out", str(rig)]).exit_code == 0
     for springs in ((), ("--rig", rig)):
         assert refused(folder / "tiny.json", *springs, "--out", tmp_path / "out") == "read enough"
     assert seen == [make_workshop().springs, Rig.load(rig).spring_parameters()]
@@ -154,6 +154,16 @@ def test_motors_follow_the_mean_of_two_springs_that_the_seed_gives() -> None:
     drawn = np.random.default_rng([1, 3])
     cold = [springs.perturb(drawn).cold_length for _ in range(4)]
     assert one[0] == pytest.approx([np.mean(cold[:2]), np.mean(cold[2:])])
+
+
+def test_heat_passes_between_the_springs_of_each_face() -> None:
+    springs = SpringParameters(neighbour_conductance=0.02)
+    hubs = np.array([[0, 1], [1, 2]])
+    found = sample_heating(GAIT, 1, springs, 1, hubs).lengths
+    drawn = np.random.default_rng([1, 3])
+    own = [springs.perturb(drawn) for _ in range(4)]  # front and back of the first motor, then of the second
+    front, back = (free_lengths(GAIT, own[face::2], 1, hubs=hubs).lengths for face in (0, 1))
+    assert np.array_equal(found, np.stack([front, back]).mean(axis=0))
 
 
 @pytest.mark.parametrize("fault", ["turns over", "folds", "buckles a coil"])

@@ -61,7 +61,7 @@ def test_nothing_on_the_front_is_beaten() -> None:
 def test_a_robot_that_blew_up_is_infinitely_wrong() -> None:
     bodies = small(1, 1)
     case = Case(PAPER, bodies, initial_controllers(bodies, PAPER, 0))
-    wild = Setting("paper", 4e-3, "f32").of(PAPER.replace(stiffness=1e9)).replace(steps=100)
+    wild = Setting("paper", 4e-3, "f32").apply_to(PAPER.replace(stiffness=1e9)).replace(steps=100)
     assert np.isinf(distances(ends(case, wild), [bodies[0].positions])).all()
 
 

@@ -5,12 +5,14 @@ from pathlib import Path
 
 import jsonschema
 import numpy as np
-import pytest
 
-from benchmarks import mass_scaling
+from benchmarks import coarse_robots
 from eldir.benchmark import built, device, skips, speed
 from eldir.benchmark.measurement import big, limit_threads, ratio, save, small, time_in_turns
+from eldir.built.robot import build
 from eldir.engine.device.records import DeviceResult
+from eldir.parameters.printed import BuiltParameters
+from tests.eldir.built.braced_robots import bodies
 from tests.paths import SCHEMAS
 
 
@@ -64,7 +66,8 @@ def test_the_speed_of_a_device_is_written_as_its_schema_says(tmp_path: Path, mon
     monkeypatch.setattr(device, "device_label", lambda: "a GPU")
     monkeypatch.setattr(device, "_seconds", lambda t: 1 + 1e-4 * len(t.sizes) * t.settings.iterations)
     losses = np.array([[0.0, -1.0], [0.0, -3.0]])
-    monkeypatch.setattr(device, "compute", lambda task: DeviceResult(losses, np.full(2, -1), task.weights))
+    result = DeviceResult(losses, np.full(2, -1), np.zeros(1), np.ones((2, 2)))
+    monkeypatch.setattr(device, "compute", lambda task: result._replace(best=task.weights))
     said: list[str] = []
     values = device.measure(True, said.append)
     save(tmp_path / "out", "device", values, device.plot(values))
@@ -90,7 +93,7 @@ _START = {"start_s": 1.0, "kernel_s": 2.0}
 
 
 def test_built_is_written_as_its_schema_says(tmp_path: Path, monkeypatch) -> None:
-    hubs, pins = built.Simplification(True, 20e3, 1, 16.0), built.Simplification(False, 20e3, 1, 16.0)
+    hubs, pins = built.Simplification(True, 1, 20e3, 0.1, 9.0), built.Simplification(False, 1, 20e3)
     ways = {built.EXACT: hubs, "pins": pins}
     monkeypatch.setattr(built, "SIMPLIFICATIONS", ways)
     monkeypatch.setattr(built, "walkers", lambda: _WALKERS[6:8])
@@ -106,16 +109,21 @@ def test_built_is_written_as_its_schema_says(tmp_path: Path, monkeypatch) -> Non
 def test_the_robots_of_the_built_benchmark_walk() -> None:
     assert len(_WALKERS) == 9
     for walker in _WALKERS[::3]:
-        assert built.mean_walk(walker, built.Simplification(False, 20e3, 1)) > 0.5
+        assert built.mean_walk(walker, built.Simplification(False, 1, 20e3)) > 0.5
 
 
 _WALKERS = built.walkers()
 
 
-def test_mass_scaling_is_compared_with_the_masses_as_they_are() -> None:
-    pins = mass_scaling.ROWS["pins, strips of 20 kN/m, one cycle"]
-    robots = built.walkers()[:2]
-    same, heavier = mass_scaling.differences(pins, (1.0, 9.0), robots)
-    walks = [[built.mean_walk(r, pins._replace(mass_scaling=f)) for r in robots] for f in (1.0, 9.0)]
-    assert same == 0 and heavier > 0
-    assert heavier == pytest.approx(np.sqrt(np.square(np.subtract(*walks)).mean()))
+def test_coarse_robots_are_compared_with_the_robots_as_they_are() -> None:
+    robots, seeds = built.walkers()[:2], (3, 4)
+    exact, soft = built.Simplification(False, 1), built.Simplification(False, 1, 20e3)
+    spent, walks = coarse_robots.measure(soft, robots, seeds)
+    assert walks.shape == (2, 2) and spent > 0
+    assert walks[1, 0] == built.mean_walk(robots[0], soft, 4) != built.mean_walk(robots[0], exact, 4)
+
+
+def test_what_the_benchmark_calls_coarse_is_what_the_product_does() -> None:
+    values = built.SIMPLIFICATIONS["hubs, coarse, 5 cycles"]
+    robot = build(bodies(1, 3)[0], BuiltParameters().with_hubs())
+    assert robot.coarse() == robot.coarse(values.tension, values.damping, values.inertia) != robot

@@ -70,7 +70,7 @@ def test_what_was_seen_walking_is_kept_unless_another_is_better_beyond_doubt(
     monkeypatch.setattr(gait_choice, "simulate_most_probable", lambda *_: np.array([itself, again]))
     other, scene = replace(WALKED, period=25.0), scene_of(design, model_fits=fits)
     found = choose_gait(design, other, SampledWalks(np.array(walks)), [film(saw)], scene)
-    assert (found.kept is not None) == kept
+    assert (found.kept_film is not None) == kept
     assert (found.gait == WALKED) if kept else (found.gait is other)
     expected = f"filmed gait kept: it walked {saw:+.2f}; " if kept else "new gait: predicted +0.90 +- "
     assert found.reason.startswith(expected)
@@ -79,7 +79,7 @@ def test_what_was_seen_walking_is_kept_unless_another_is_better_beyond_doubt(
 def test_gaits_that_fell_or_went_back_are_not_kept(design: Design) -> None:
     for one in (film(1.0, upright=False), film(-0.5), film(0.05)):
         found = choose_gait(design, WALKED, SampledWalks(np.array([0.1])), [one], scene_of(design))
-        assert (found.kept, found.reason) == (None, "new gait: no filmed gait walked")
+        assert (found.kept_film, found.reason) == (None, "new gait: no filmed gait walked")
     # Decision 26: forward by a tenth of a body length or more is a walk.
     assert film(0.12).has_walked and not film(0.08).has_walked
 

@@ -63,12 +63,13 @@ def test_what_cannot_be_had_is_told_in_one_line(asked: str | None, missing: list
 
 @pytest.mark.parametrize("compiler", ["taichi", "quadrants"])
 def test_an_error_in_a_kernel_tells_where_it_stands(tmp_path: Path, compiler: str) -> None:
-    """In the second use of a function too, and of another function that was made by the same lines."""
+    """In the second use of a function too, and of another function that was made by the same lines. A kernel
+    of the engine is translated once, which shows where Python runs while it is."""
     if find_spec(compiler) is None:
         pytest.skip(f"{compiler} is not installed here")
     (tmp_path / "kernel.py").write_text(
         "from eldir.engine import runtime\n"
-        "from eldir.engine.compiler import ti\n"
+        "from eldir.engine.compiler import new_kernel, ti\n"
         "def half_of(parts):\n"
         "    @ti.func\n"
         "    def half(x: ti.template()):\n"
@@ -86,6 +87,14 @@ def test_an_error_in_a_kernel_tells_where_it_stands(tmp_path: Path, compiler: st
         "x = np.array([4.0, 0.0])\n"
         "kernel(x)\n"
         "assert x[1] == 6.0\n"
+        "translations = []\n"
+        "def note():\n"
+        "    translations.append(len(translations))\n"
+        "    return 7.0\n"
+        "def noted(x: ti.types.ndarray()):\n"
+        "    x[1] = ti.static(note()) + x[0]\n"
+        "new_kernel(noted)(x)\n"
+        "assert x[1] == 11.0 and translations == [0]\n"
         "wrong(x)\n"
     )
     ran = subprocess.run(

@@ -11,10 +11,11 @@ from eldir.genotype import Genotype, random_genotypes
 from eldir.lattice import Lattice
 from eldir.learning import learn
 from eldir.morphology import Morphology, develop
-from eldir.rollout import OK, loss_and_gradient, simulate
+from eldir.rollout import loss_and_gradient, simulate
 from eldir.scene import Scene
 from eldir.terrain import Terrain
 from eldir.training.configuration import TrainingConfig
+from eldir.validity import OK
 from tests.eldir.engine.random_robots import (
     SMALL,
     WEIGHTS,

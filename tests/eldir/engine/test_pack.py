@@ -15,6 +15,7 @@ from eldir.lattice import Lattice
 from eldir.morphology import Bodies, Morphology, develop_all
 from eldir.scene import Scene
 from eldir.training.loop import initial_controllers
+from eldir.validity import max_speeds
 from tests.eldir.engine.random_robots import WEIGHTS
 from tests.eldir.random_physics import PAPER, RUGGED, drawn
 
@@ -78,8 +79,9 @@ def test_every_value_of_every_robot_lies_in_its_place(lattice: Lattice, name: st
         assert not rest.any() and not stiffness.any()
         listed = batch.motor[batch.motor_at[r] : batch.motor_at[r + 1]].tolist()
         assert listed == motors + [count - 1] * (len(listed) - len(motors))
-        scalars = np.array([scheme.decay, own.gravity * scheme.gravity, own.friction])
-        assert np.array_equal(batch.scalars.reshape(-1, 3)[r], scalars.astype(real))
+        speed = max_speeds(Bodies([body]), scene, [own])[0]
+        scalars = np.array([scheme.decay, own.gravity * scheme.gravity, own.friction, speed**2])
+        assert np.array_equal(batch.scalars.reshape(-1, 4)[r], scalars.astype(real))
         weights = batch.weights[batch.weight_at[r] : batch.weight_at[r + 1]].reshape(-1, 32)
         assert np.array_equal(weights[:10], brain.w1[:, :10].T.astype(real))
         assert np.array_equal(weights[16 : 6 + brain.w1.shape[1]], brain.w1[:, 10:].T.astype(real))

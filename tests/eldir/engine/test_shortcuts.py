@@ -102,6 +102,8 @@ def test_what_was_left_out_is_told() -> None:
 
 def test_evolve_explains_what_it_leaves_out(tmp_path: Path) -> None:
     small = "--lattice 3x5 --population 2 --generations 0 --iterations 1 --explain"
-    ran = CliRunner().invoke(application(), ["evolve", "--out", str(tmp_path / "run"), *small.split()])
+    ran = CliRunner().invoke(
+        application("evolve"), ["evolve", "--out", str(tmp_path / "run"), *small.split()]
+    )
     assert ran.exit_code == 0, ran.output
     assert "left out: controller outputs: " in ran.stderr and "left out: search for the ground" in ran.stderr

@@ -21,7 +21,7 @@ GIANT = "1000000000000000"
 def test_giant_numbers_are_refused_with_the_range(objective: str, option: str, tmp_path: Path) -> None:
     out = tmp_path / "run"
     result = CliRunner().invoke(
-        application(), ["evolve", "--objective", objective, "--out", str(out), option, GIANT]
+        application("evolve"), ["evolve", "--objective", objective, "--out", str(out), option, GIANT]
     )
     assert result.exit_code == 2
     assert option in result.output and "100" in result.output.replace(GIANT, "")
@@ -88,7 +88,7 @@ def test_a_run_that_fails_at_once_leaves_no_folder(tmp_path: Path) -> None:
 
 def test_nor_does_the_command_and_it_promises_nothing_saved(tmp_path: Path) -> None:
     arguments = ["evolve", "--out", str(tmp_path / "run"), "--lattice", "1x3", "--static-margin", "56"]
-    result = CliRunner().invoke(application(), [*arguments, "--population", "2"])
+    result = CliRunner().invoke(application(arguments[0]), [*arguments, "--population", "2"])
     assert "too few bodies" in str(result.exception) and "saved" not in str(result.exception)
     assert list(tmp_path.iterdir()) == []
 
@@ -96,6 +96,6 @@ def test_nor_does_the_command_and_it_promises_nothing_saved(tmp_path: Path) -> N
 def test_nor_does_a_run_for_building(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("eldir.evolution.printed.search._ATTEMPTS", 2)
     arguments = ["evolve", "--objective", "printed", "--out", str(tmp_path / "run"), "--lattice", "1x3"]
-    result = CliRunner().invoke(application(), [*arguments, "--static-margin", "56"])
+    result = CliRunner().invoke(application(arguments[0]), [*arguments, "--static-margin", "56"])
     assert "too few bodies" in str(result.exception)
     assert list(tmp_path.iterdir()) == []

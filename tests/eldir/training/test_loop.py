@@ -76,7 +76,7 @@ def test_a_mean_over_physics_is_the_loss_and_the_status_is_the_first_failure():
     assert found.losses[0, 0] == pytest.approx(np.mean(alone), abs=1e-12)
     broken = descend(bodies, brains, scene, STEPS, 1, lambda r, k: [own, own.replace(stiffness=1e9)])
     assert broken.status[0] >= 0 and np.isinf(broken.losses).all()
-    fragile = [own, own.replace(stiffness=3e6), own.replace(stiffness=1e9)]
+    fragile = [own, own.replace(stiffness=6e4), own.replace(stiffness=1e9)]
     sound, later, sooner = (r.status for r in simulate(bodies * 3, brains * 3, scene, fragile))
     assert sound == -1 and 0 <= sooner < later
     assert descend(bodies, brains, scene, STEPS, 1, lambda r, k: fragile).status[0] == sooner

@@ -134,7 +134,7 @@ def test_tags_in_another_unit_are_refused_with_its_name(
     tags, out = tmp_path / "tags.json", tmp_path / "plane.json"
     tags.write_text(json.dumps(values))
     words = ["calibrate", "plane", str(tmp_path / "pictures"), "--tags", str(tags), "--out", str(out)]
-    result = CliRunner().invoke(application(), words)
+    result = CliRunner().invoke(application(words[0]), words)
     assert result.exit_code != 0 and not out.exists()
     assert re.search(message, str(result.exception)), result.exception
 

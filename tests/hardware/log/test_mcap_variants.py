@@ -117,7 +117,7 @@ def test_it_is_recovered_and_foreign_readers_open_it(original, tmp_path, name) -
     log = rewrite(original, tmp_path / "other.mcap", VARIANTS[name])
     out = tmp_path / "bag" / "log.mcap"
     words = ["recover", str(log), "--out", str(out)]
-    assert CliRunner().invoke(application(), words).exit_code == 0
+    assert CliRunner().invoke(application(words[0]), words).exit_code == 0
     assert_same(out, original)
     said = read_log(out).recovered
     total = sum(read_contents(original).topics.values())
@@ -188,7 +188,7 @@ def test_runs_lists_them_as_sound(original, tmp_path, monkeypatch) -> None:
     (tmp_path / "logs").mkdir()
     for number, how in enumerate(VARIANTS.values()):
         rewrite(original, tmp_path / "logs" / f"{number}.mcap", how)
-    result = CliRunner().invoke(application(), ["runs", str(tmp_path / "logs"), "--json"])
+    result = CliRunner().invoke(application("runs"), ["runs", str(tmp_path / "logs"), "--json"])
     runs = json.loads(result.stdout)["runs"]
     assert len(runs) == len(VARIANTS)
     assert {run["frames"] for run in runs} == {40}

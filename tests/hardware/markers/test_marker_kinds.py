@@ -128,6 +128,25 @@ def test_a_printed_marker_is_what_the_tracker_reads(kind: str) -> None:
     assert ids.ravel().tolist() == [41]
 
 
+def test_another_package_adds_a_kind_while_it_is_on_the_import_path(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "starry.py").write_text("from eldir_hardware.markers.discs import MARKER\n")
+    about = tmp_path / "starry-1.0.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: starry\nVersion: 1.0\n")
+    points = "[eldir.markers]\nstars = starry:MARKER\nbroken = starry:NONE\n"
+    (about / "entry_points.txt").write_text(points)
+    before = installed_kinds()
+    with monkeypatch.context() as changed:
+        changed.syspath_prepend(tmp_path)
+        assert set(installed_kinds()) == {*before, "stars", "broken"}
+        assert load_kind("stars") is load_kind("discs")
+        with raises(InputError, "package.broken", match="broken"):
+            load_kind("broken")
+    assert installed_kinds() == before
+
+
 def test_sheets_are_written_in_their_true_size(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     markers_command(out=tmp_path / "sheets", marker=["discs"], tags=5)
     assert sorted(f.name for f in (tmp_path / "sheets").iterdir()) == [

@@ -95,7 +95,7 @@ def test_the_runner_moves_the_robot_as_the_rig_does(folder: Path, schedule: Actu
 
 def test_the_same_design_gives_the_same_bytes(folder: Path, tmp_path: Path) -> None:
     result = CliRunner().invoke(
-        application(), ["export", str(folder / "design.json"), "--out", str(tmp_path / "robot.xml")]
+        application("export"), ["export", str(folder / "design.json"), "--out", str(tmp_path / "robot.xml")]
     )
     assert result.exit_code == 0, result.output
     assert result.output.splitlines() == [f"wrote {tmp_path / name}" for name in ("robot.xml", "robot-parts")]
@@ -106,10 +106,10 @@ def test_the_same_design_gives_the_same_bytes(folder: Path, tmp_path: Path) -> N
 
 def test_nothing_is_overwritten_and_other_formats_are_refused(folder: Path, tmp_path: Path) -> None:
     again = CliRunner().invoke(
-        application(), ["export", str(folder / "design.json"), "--out", str(folder / "robot.xml")]
+        application("export"), ["export", str(folder / "design.json"), "--out", str(folder / "robot.xml")]
     )
     assert isinstance(again.exception, EldirError) and "exists already" in str(again.exception)
     urdf = CliRunner().invoke(
-        application(), ["export", str(folder / "design.json"), "--out", str(tmp_path / "a.urdf")]
+        application("export"), ["export", str(folder / "design.json"), "--out", str(tmp_path / "a.urdf")]
     )
     assert urdf.exit_code == 2

@@ -19,7 +19,7 @@ from eldir_hardware.safety.limits import LimitError, check_heat, max_on_time
 from eldir_hardware.safety.margins import _coldest, _largest_allowed, describe_margins, heat_margins
 from eldir_hardware.safety.worst_heat import run_until_periodic
 from eldir_hardware.schedule import ActuationSchedule, HeatMargins, SchedulePrediction
-from tests.hardware.rigs_and_schedules import SCHEDULE, gait, measured, rig_with
+from tests.hardware.rigs_and_schedules import RIG, SCHEDULE, gait, measured, rig_with
 from tests.hardware.safety.replayed_heat import HOTTEST, peak, wire
 from tests.paths import SCHEMAS
 from tests.raised import raises
@@ -83,6 +83,28 @@ def test_margins_are_as_exact_as_they_are_said_to_be(margins):
     ):
         assert allowed(**{name: max(margin - 0.005, 0.0)}), name
         assert not allowed(**{name: margin + exact + 0.005}), name
+
+
+@pytest.mark.parametrize(
+    ("rig", "period", "most"),
+    [
+        (RIG, 20.0, 0.01),
+        (rig_with(fan=None, supply={"current_limit_a": 2.0}), 60.0, 0.2),
+    ],
+    ids=["fan", "still air"],
+)
+def test_a_neighbour_adds_little_to_the_peak_that_the_limits_are_checked_with(rig, period, most):
+    """Limits are checked for springs by themselves, whatever a rig file says; docs/safety.md tells what that
+    leaves out. 2e-4 W/K is what docs/reference/built.md estimates."""
+    assert rig.spring_parameters().neighbour_conductance == 0.0
+    worst, hubs = worst_springs(rig), np.array([[0, 1], [1, 2]])
+    assert worst.neighbour_conductance == 0.0
+    passes, times, added = replace(worst, neighbour_conductance=2e-4), np.arange(0, 6 * period, 0.05), []
+    for phase in (0.2, 0.5, 0.7):
+        on = np.stack([(times - begin) % period < 4.5 for begin in (0.0, phase * period)], axis=1)
+        coupled, alone = heat(on, 0.05, passes, hubs=hubs), heat(on, 0.05, worst)
+        added.append(coupled.temperature.max() - alone.temperature.max())
+    assert min(added) > -0.01 and 0.0 < max(added) < most
 
 
 def test_margins_are_searched_up_to_2_amperes_40_degrees_and_6_seconds():

@@ -32,7 +32,7 @@ def store(path: Path, image: np.ndarray, orientation: int) -> None:
 
 
 def run(*words: object) -> str:
-    result = CliRunner().invoke(application(), [str(w) for w in words])
+    result = CliRunner().invoke(application(str(words[0])), [str(w) for w in words])
     return result.output + (str(result.exception) if result.exit_code else "")
 
 

@@ -26,7 +26,7 @@ from tests.raised import raises
 
 
 def eldir(*words: str | Path) -> Result:
-    return CliRunner().invoke(application(), [str(word) for word in words])
+    return CliRunner().invoke(application(str(words[0])), [str(word) for word in words])
 
 
 def said(result: Result) -> str:

@@ -68,7 +68,6 @@ def test_each_phase_has_one_barrier(launches: list[assembly.Launch]) -> None:
     sources = {"transpose": update, "forward": forward, "reverse": reverse, "update": update}
     phases = {kernel: phases_of(module, kernel) for kernel, module in sources.items()}
     assert phases["transpose"] == 1 and min(phases["forward"], phases["reverse"], phases["update"]) >= 5
-    phases["update"] -= 1  # its last one, with an update or without, is the same instruction
     code = [one.file.read_text() for one in launches]
     assert [text.count("bar.sync") for text in code] == [*phases.values()]
     assert not any("critedge" in text for text in code)

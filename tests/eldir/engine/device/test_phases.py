@@ -19,6 +19,7 @@ from eldir.learning import initial_controllers
 from eldir.morphology import Morphology
 from eldir.physics import Physics
 from eldir.scene import Scene
+from eldir.validity import NO_GRADIENT
 from tests.eldir.engine.device.device_learning import LENGTH, make_task, on_processor
 from tests.eldir.engine.random_robots import (
     SMALL,
@@ -80,8 +81,9 @@ def of_robots(best: np.ndarray, result: BatchResult) -> list[np.ndarray]:
 
 
 def assert_same(found: DeviceResult, wanted: BatchResult, loss: float = 1e-12, weights: float = 1e-9) -> None:
-    """Losses [m]; gradients or best weights relative to their length, robot by robot."""
+    """Losses [m]; growth of gradients; gradients or best weights relative to their length, robot by robot."""
     assert found.status.tolist() == wanted.status.tolist()
+    np.testing.assert_allclose(found.growth, wanted.growth, rtol=1e-6)
     np.testing.assert_allclose(found.losses, wanted.losses, rtol=0, atol=loss)
     for a, b in zip(of_robots(found.best, wanted), of_robots(wanted.best, wanted), strict=True):
         assert np.linalg.norm(a - b) <= weights * np.linalg.norm(b)
@@ -213,21 +215,19 @@ def test_positions_half_a_step_ahead(name: str, order: int) -> None:
 
 
 def test_a_robot_that_blows_up_leaves_the_others_alone(group: Robots) -> None:
-    """One at once, and one after its first update. The CPU adds the greatest speeds of 16 groups of masses,
-    and a device looks at each mass: where speeds grow slowly it notices some steps earlier."""
+    """One at once, and one after its first update."""
     bodies, brains = group
     calm = [Physics.of(body, PAPER) for body in bodies]
     wild = [
         own.replace(stiffness=own.stiffness * factor)
-        for own, factor in zip(calm, (1, 1e9, 1, 1.43), strict=True)
+        for own, factor in zip(calm, (1, 1e9, 1, 1.38), strict=True)
     ]
     for iterations in (0, UPDATES):
         found = compute(make_task(bodies, brains, PAPER, iterations, 25, wild))
         wanted = reference(bodies, brains, PAPER, iterations, wild)
         late = iterations > 0
         assert [s >= 0 for s in wanted.status] == [False, True, False, late]
-        apart = found.status - wanted.status
-        assert found.status[0] == found.status[2] == -1 and -1 <= apart[1] <= 0 and -3 <= apart[3] <= 0
+        assert found.status.tolist() == wanted.status.tolist()
         assert np.isfinite(found.losses).sum(axis=1).tolist() == [iterations + 1, 0, iterations + 1, 1]
         np.testing.assert_allclose(found.losses, wanted.losses, rtol=0, atol=1e-9)
         undisturbed = compute(make_task(bodies, brains, PAPER, iterations, 25, calm))
@@ -241,10 +241,10 @@ def test_a_robot_that_blows_up_leaves_the_others_alone(group: Robots) -> None:
 
 
 def test_a_robot_that_blew_up_on_the_cpu_has_no_loss_on_a_device(group: Robots) -> None:
-    """Near the limit of stability, where speeds grow slowly: the CPU gives up in the last steps, and a device
-    must not call the distance that a part of the robot has flown a walk."""
+    """Near the limit of stability, where speeds grow slowly: a device must not call the distance that a
+    part of the robot has flown a walk."""
     bodies, brains = group
-    factors = np.linspace(1.40, 1.52, 25)
+    factors = np.linspace(1.38, 1.52, 25)
     own = Physics.of(bodies[2], PAPER)
     wild = [own.replace(stiffness=own.stiffness * factor) for factor in factors]
     many = [bodies[2]] * len(wild), [brains[2]] * len(wild)
@@ -252,7 +252,21 @@ def test_a_robot_that_blew_up_on_the_cpu_has_no_loss_on_a_device(group: Robots) 
     wanted = reference(*many, PAPER, 0, wild)
     gone = wanted.status >= 0
     assert 3 < gone.sum() < len(gone)
-    assert np.isinf(found.losses[gone]).all() and (found.status[gone] >= 0).all()
+    assert np.isinf(found.losses[gone]).all() and found.status.tolist() == wanted.status.tolist()
+
+
+OVERFLOWING = PAPER.replace(damping=0.0, dt=0.002, steps=2000)
+"""Of the robots of `group` every reverse sweep overflows in it, however their chaotic motion is rounded."""
+
+
+@pytest.mark.parametrize("iterations", [0, 1])
+@pytest.mark.parametrize("order", ORDERS)
+def test_a_gradient_that_overflows_is_not_kept(order: int, iterations: int, group: Robots) -> None:
+    found = compute(make_task(*group, OVERFLOWING, iterations, 500), order)
+    wanted = reference(*group, OVERFLOWING, iterations)
+    for outcome in (found, wanted):
+        assert outcome.status.tolist() == [NO_GRADIENT] * 4 and np.isinf(outcome.losses).all()
+        assert not outcome.best.any() and (outcome.growth[:, 0] > 1e18).all()
 
 
 def test_a_robot_has_the_same_bytes_in_any_company(group: Robots, caplog: pytest.LogCaptureFixture) -> None:

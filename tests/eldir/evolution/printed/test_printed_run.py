@@ -140,7 +140,7 @@ def test_threads_and_interruptions_do_not_matter(whole: Path, tmp_path: Path) ->
     assert again.returncode == 0 and told["state"] == "finished"
     jsonschema.validate(told, json.loads((SCHEMAS / "printed-status.schema.json").read_text()))
     assert contents(stopped) == contents(whole)
-    said = CliRunner().invoke(application(), ["status", str(stopped)]).output
+    said = CliRunner().invoke(application("status"), ["status", str(stopped)]).output
     assert "finished, 2 of 2 generations, " in said
 
 
@@ -301,14 +301,14 @@ def test_wrong_arguments_leave_nothing(
     arguments: list[str], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    found = CliRunner().invoke(application(), ["evolve", "--out", "run", *arguments])
+    found = CliRunner().invoke(application("evolve"), ["evolve", "--out", "run", *arguments])
     assert found.exit_code == 2 and said in " ".join(found.output.replace("│", "").split()), found.output
     assert list(tmp_path.iterdir()) == []
 
 
 def test_more_motors_than_the_rig_heats(tmp_path: Path) -> None:
     found = CliRunner().invoke(
-        application(),
+        application("evolve"),
         ["evolve", "--objective", "printed", "--max-motors", "3", "--out", str(tmp_path / "run")],
     )
     assert found.exception.key == "--max-motors"
@@ -318,7 +318,9 @@ def test_more_motors_than_the_rig_heats(tmp_path: Path) -> None:
 def test_analyse_draws_such_runs(whole: Path, tmp_path: Path) -> None:
     """Every figure can be seen, and the tables hold the archive's numbers."""
     for name in ("figures", "again"):
-        found = CliRunner().invoke(application(), ["analyse", str(whole), "--out", str(tmp_path / name)])
+        found = CliRunner().invoke(
+            application("analyse"), ["analyse", str(whole), "--out", str(tmp_path / name)]
+        )
         assert found.exit_code == 0, found.output
     out = tmp_path / "figures"
     assert contents(out) == contents(tmp_path / "again")
@@ -348,7 +350,7 @@ def test_analyse_draws_such_runs(whole: Path, tmp_path: Path) -> None:
 
 @pytest.mark.skipif(BROWSER is None, reason="Chromium is not installed")
 def test_no_table_of_such_a_page_is_cut_off_without_a_word(whole: Path, tmp_path: Path) -> None:
-    CliRunner().invoke(application(), ["analyse", str(whole), "--out", str(tmp_path / "figures")])
+    CliRunner().invoke(application("analyse"), ["analyse", str(whole), "--out", str(tmp_path / "figures")])
     found = measured(tmp_path / "figures" / "index.html", 390, tmp_path, "walk")
     assert len(found["heads"]) == 1 and found["page"] <= found["width"]
     assert found["cut"] == []
@@ -365,7 +367,7 @@ def test_kinds_of_one_length_have_one_tick() -> None:
 def test_a_run_without_a_walker_has_no_figures(tmp_path: Path) -> None:
     PrintedRun.create(tmp_path / "run", SMALL)
     found = CliRunner().invoke(
-        application(), ["analyse", str(tmp_path / "run"), "--out", str(tmp_path / "out")]
+        application("analyse"), ["analyse", str(tmp_path / "run"), "--out", str(tmp_path / "out")]
     )
     assert "has no robot that walks yet" in str(found.exception) and not (tmp_path / "out").exists()
 
