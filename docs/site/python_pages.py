@@ -9,7 +9,7 @@ import eldir
 # Modules whose names a program may use, in the order of the work. Others may change without notice.
 MODULES = [
     "eldir.lattice", "eldir.genotype", "eldir.morphology", "eldir.controller", "eldir.terrain", "eldir.scene",
-    "eldir.physics", "eldir.engine.validity", "eldir.rollout", "eldir.learning", "eldir.evolution.search",
+    "eldir.physics", "eldir.rollout", "eldir.learning", "eldir.evolution.search",
     "eldir.evolution.loop", "eldir.evolution.variation", "eldir.evolution.population",
     "eldir.evolution.run_folder",
     "eldir.evolution.tables", "eldir.evolution.designs", "eldir.evolution.history", "eldir.evolution.status",
