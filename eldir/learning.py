@@ -13,6 +13,7 @@ from eldir.core.records import BoolArray, FloatArray, IntArray, Record
 from eldir.defaults import ITERATIONS
 from eldir.engine.shortcuts import distinct
 from eldir.engine.stable_step import subdivide_steps
+from eldir.engine.validity import OK, REFUSED, is_chaotic
 from eldir.errors import InputError
 from eldir.morphology import Morphology
 from eldir.physics import Physics, resolve_physics
@@ -29,7 +30,6 @@ from eldir.training.loop import (
     make_seed_keys,
 )
 from eldir.training.randomisation import Randomisation
-from eldir.validity import OK, REFUSED, is_chaotic
 
 _ROBOTS_A_CALL = 256  # between two reports of progress; the result does not depend on it
 
@@ -46,13 +46,13 @@ class LearningResult(Record):
     """The controller with the least loss, of each robot."""
     status: IntArray
     """Status of each robot, shape (n,): -1 if it completed all steps, -2 if it was refused, -3 if its
-    gradient overflowed (`eldir.validity`), otherwise the step at which it diverged."""
+    gradient overflowed (`eldir.engine.validity`), otherwise the step at which it diverged."""
     chaotic: BoolArray
-    """For each loss, whether chaos dominates its gradient (`eldir.validity.is_chaotic`), shape (n,
+    """For each loss, whether chaos dominates its gradient (`eldir.engine.validity.is_chaotic`), shape (n,
     iterations + 1). The last loss has no gradient. With domain randomisation: whether it does for one of
     the sampled robots, like the next."""
     rounded: BoolArray
-    """For each loss, whether rounding may dominate its gradient (`eldir.validity.is_rounded`)."""
+    """For each loss, whether rounding may dominate its gradient (`eldir.engine.validity.is_rounded`)."""
 
 
 def learn(

@@ -13,10 +13,10 @@ from eldir.core.arguments import require_count, require_value
 from eldir.core.records import BoolArray, FloatArray, IntArray, Record
 from eldir.engine.shortcuts import distinct
 from eldir.engine.stable_step import subdivide_steps, substeps
+from eldir.engine.validity import OK, REFUSED, is_chaotic, is_rounded
 from eldir.morphology import Morphology
 from eldir.physics import Physics, resolve_physics
 from eldir.scene import Scene
-from eldir.validity import OK, REFUSED, is_chaotic, is_rounded
 
 _BATCH_VALUES = 2**28  # recorded by one call: 1 GB in float32
 
@@ -36,7 +36,7 @@ class Rollout(Record):
     status: int
     """`OK` (-1), the step at which the robot diverged, or `REFUSED` (-2) if the scene's step is too large
     for it (`eldir.engine.stable_step`). Later states are NaN. A robot diverges where a mass moves by a
-    spring's length in one step (`eldir.validity.max_speeds`)."""
+    spring's length in one step (`eldir.engine.validity.max_speeds`)."""
 
 
 class LossesAndGradients(tuple[FloatArray, list[Controller]]):
@@ -49,9 +49,9 @@ class LossesAndGradients(tuple[FloatArray, list[Controller]]):
     """How many times larger the gradient of a position became in the reverse sweep than at its beginning,
     shape (n,); 0 without motors."""
     chaotic: BoolArray
-    """Whether chaos dominates the gradient (`eldir.validity.is_chaotic`), shape (n,)."""
+    """Whether chaos dominates the gradient (`eldir.engine.validity.is_chaotic`), shape (n,)."""
     rounded: BoolArray
-    """Whether rounding may dominate the gradient (`eldir.validity.is_rounded`), shape (n,)."""
+    """Whether rounding may dominate the gradient (`eldir.engine.validity.is_rounded`), shape (n,)."""
 
     def __new__(
         cls,

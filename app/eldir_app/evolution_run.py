@@ -104,6 +104,7 @@ def create_printed_run(out: Path, options: NewRunOptions) -> PrintedRun:
     from eldir import defaults
     from eldir.core.files import require_new
     from eldir.evolution.printed.configuration import PrintedEvolutionConfig
+    from eldir.evolution.search import make_terrain
     from eldir.lattice import Lattice
     from eldir_hardware.planning.workshop import make_workshop
 
@@ -126,6 +127,9 @@ def create_printed_run(out: Path, options: NewRunOptions) -> PrintedRun:
         printed=conditions.printed,
         springs=conditions.springs,
         timings=conditions.timings,
+        terrain=None
+        if options.terrain == "flat"
+        else make_terrain(options.terrain, options.seed).scaled(conditions.printed.scale),
     )
     return PrintedRun.create(out, config)
 

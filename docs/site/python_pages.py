@@ -9,7 +9,7 @@ import eldir
 # Modules whose names a program may use, in the order of the work. Others may change without notice.
 MODULES = [
     "eldir.lattice", "eldir.genotype", "eldir.morphology", "eldir.controller", "eldir.terrain", "eldir.scene",
-    "eldir.physics", "eldir.validity", "eldir.rollout", "eldir.learning", "eldir.evolution.search",
+    "eldir.physics", "eldir.rollout", "eldir.learning", "eldir.evolution.search",
     "eldir.evolution.loop", "eldir.evolution.variation", "eldir.evolution.population",
     "eldir.evolution.run_folder",
     "eldir.evolution.tables", "eldir.evolution.designs", "eldir.evolution.history", "eldir.evolution.status",
@@ -19,7 +19,7 @@ MODULES = [
     "eldir.training.randomisation",
     "eldir.built.robot", "eldir.built.gait", "eldir.built.heat", "eldir.built.motion", "eldir.built.walking",
     "eldir.built.samples", "eldir.built.screening", "eldir.built.scene", "eldir.built.stability",
-    "eldir.built.gait_search", "eldir.built.gait_choice", "eldir.built.sensitivities",
+    "eldir.built.gait_search", "eldir.built.gait_choice", "eldir.built.ground", "eldir.built.sensitivities",
     "eldir_cad.checks.buildability", "eldir_cad.checks.contacts", "eldir_cad.checks.kinematics",
     "eldir_cad.checks.strip_law", "eldir_cad.checks.violations",
     "eldir_cad.shortlist.ranking", "eldir_cad.shortlist.folder",

@@ -19,12 +19,12 @@ from eldir.controller import Controller
 from eldir.core.kernels import Precision
 from eldir.core.records import FloatArray
 from eldir.engine.batch import prepare
+from eldir.engine.validity import OK
 from eldir.morphology import Morphology
 from eldir.rollout import loss_and_gradient, simulate
 from eldir.scene import Integrator, Scene
 from eldir.terrain import Terrain
 from eldir.training.loop import initial_controllers
-from eldir.validity import OK
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -17,6 +17,7 @@ from eldir.benchmark.measurement import big
 from eldir.core.kernels import Precision
 from eldir.core.records import BoolArray
 from eldir.engine.stable_step import stable_step
+from eldir.engine.validity import OK, REFUSED
 from eldir.evolution.population import is_valid
 from eldir.genotype import Genotype
 from eldir.lattice import Lattice
@@ -27,7 +28,6 @@ from eldir.scene import Scene
 from eldir.terrain import Terrain
 from eldir.training.configuration import TrainingConfig
 from eldir.training.loop import initial_controllers
-from eldir.validity import OK, REFUSED
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

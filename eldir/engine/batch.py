@@ -43,11 +43,11 @@ from eldir.engine.pack import (
 from eldir.engine.runtime import set_compile_options, start
 from eldir.engine.shortcuts import ALL, RING, Shortcuts
 from eldir.engine.threads import worker_threads
+from eldir.engine.validity import NO_GRADIENT, OK
 from eldir.errors import InputError
 from eldir.morphology import Morphology, offsets
 from eldir.physics import Physics, resolve_physics
 from eldir.scene import SOFTENING, Scene
-from eldir.validity import NO_GRADIENT, OK
 
 _MIN_LANDING_SPEED = 0.025
 """Least speed of a landing over the step [m/s2]: 1e-4 m/s at the released code's 4 ms. A constant would let
@@ -69,8 +69,8 @@ class BatchResult:
     status: NDArray[np.int32]
     """-1, -3 if the gradient is not finite, or the step at which the robot diverged."""
     growth: NDArray[np.float64]
-    """Growth of the gradient in each reverse sweep (`eldir.validity`), shape (n, iterations + 1); 0 where
-    there was none."""
+    """Growth of the gradient in each reverse sweep (`eldir.engine.validity`), shape (n, iterations + 1); 0
+    where there was none."""
     best: NDArray
     """Best weights or, without iterations, gradients; in the layout of the batch's weights."""
     record: NDArray

@@ -15,10 +15,10 @@ from eldir.engine.compiler import aligned
 from eldir.engine.grid import FAMILIES, Grid, place_on_grids
 from eldir.engine.kernels import layout
 from eldir.engine.threads import for_each
+from eldir.engine.validity import max_speeds
 from eldir.morphology import Bodies, Morphology, offsets
 from eldir.physics import Physics
 from eldir.scene import Scene
-from eldir.validity import max_speeds
 
 ORIGIN = np.array([0.25, 0.1])
 """Origin of the kernel's coordinates [m]: under the middle of a robot on flat ground. Float32 is finest

@@ -9,6 +9,7 @@ import numpy as np
 from eldir.core.files import read_json
 from eldir.core.version import __version__
 from eldir.design import Design
+from eldir.errors import InputError
 from eldir.evolution.printed.run_folder import PrintedRun, PrintedRunFile
 from eldir.evolution.run_folder import RunFile, RunFolder
 from eldir.evolution.search import robot_seed
@@ -33,7 +34,7 @@ def load_run(path: Path | str) -> list[Design]:
     """The robots of the last complete generation as designs, best first: the survivors of a run in the
     paper's scene, or the elites of a run for building, which carry their gaits.
 
-    Raises `InputError` where no generation is complete.
+    Raises `InputError` where no generation is complete, and for printed robots that evolved on a terrain.
     """
     run = open_run(path)
     run.require_generations()
@@ -83,6 +84,13 @@ def _printed_designs(run: PrintedRun) -> list[Design]:
     controller, so the elites are trained here; the same run always gives the same controllers.
     """
     config, scene = run.config, Scene()
+    if config.terrain is not None:
+        raise InputError(
+            f"the robots of {run.path} walk on rugged ground",
+            code="evolution.terrain",
+            expected="a run on a table: shortlists, gaits and reports do not know other ground yet",
+            remedy=f"look at the run with eldir analyse {run.path}, or evolve with --terrain flat",
+        )
     elites = run.restore().archive.ranked()[:_MAX_PRINTED]
     if not elites:
         return []

@@ -245,11 +245,16 @@ def _too_few_bodies_error(missing: int) -> EldirError:
 
 
 def make_scene(ground: Ground, seed: int) -> Scene:
-    """The paper's scene on this ground, flat or rugged with one of three tilts (paper, Sect. Terrain). Rugged
-    ground is drawn from the seed of the run."""
+    """The paper's scene on this ground."""
     scene = Scene.preset("paper")
+    return scene if ground == "flat" else scene.replace(terrain=make_terrain(ground, seed))
+
+
+def make_terrain(ground: Ground, seed: int) -> Terrain:
+    """Flat ground, or rugged ground with one of three tilts (paper, Sect. Terrain), drawn from the seed of
+    the run."""
     if ground == "flat":
-        return scene
+        return Terrain.flat()
     # A key of its own: the robots' seeds have keys of two numbers, the generations' of one.
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0, 0, 0)))
-    return scene.replace(terrain=Terrain.rugged(rng, _TILTS[ground]))
+    return Terrain.rugged(rng, _TILTS[ground])

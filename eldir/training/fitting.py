@@ -38,6 +38,7 @@ from eldir.controller import Controller
 from eldir.core.arguments import require_count, require_known, require_shape, require_value
 from eldir.core.records import BoolArray, FloatArray, IntArray, Record
 from eldir.engine.stable_step import subdivide_steps
+from eldir.engine.validity import OK, REFUSED
 from eldir.morphology import Morphology
 from eldir.physics import GRIPPING, Physics, resolve_physics
 from eldir.rollout import (
@@ -49,7 +50,6 @@ from eldir.rollout import (
     split_by_memory,
 )
 from eldir.scene import Scene
-from eldir.validity import OK, REFUSED
 
 FIT_PARAMETERS = (
     "stiffness",

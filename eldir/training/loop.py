@@ -18,12 +18,12 @@ from eldir.controller import Controller
 from eldir.core.arguments import require_count, require_whole_number
 from eldir.core.records import BoolArray, FloatArray, IntArray
 from eldir.engine.threads import for_each
+from eldir.engine.validity import OK, is_rounded
 from eldir.morphology import Morphology
 from eldir.physics import Physics
 from eldir.rollout import evaluate_gradients
 from eldir.scene import Scene
 from eldir.training.configuration import TrainingConfig
-from eldir.validity import OK, is_rounded
 
 Key = tuple[int, ...]
 """Seed of the random initial weights of one robot."""

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 
 from eldir.controller import Controller
+from eldir.engine.validity import OK
 from eldir.lattice import Lattice
 from eldir.morphology import Morphology
 from eldir.rollout import simulate
 from eldir.scene import SOFTENING, Scene
-from eldir.validity import OK
 from tests.eldir.engine.random_robots import one, triangles_at
 
 

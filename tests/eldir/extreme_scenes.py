@@ -10,6 +10,7 @@ import numpy as np
 
 from eldir.benchmark.stability import extreme_bodies, extreme_grounds
 from eldir.controller import Controller
+from eldir.engine.validity import NO_GRADIENT, OK, REFUSED, max_speeds
 from eldir.learning import learn
 from eldir.morphology import Bodies, Morphology
 from eldir.physics import Physics
@@ -19,7 +20,6 @@ from eldir.terrain import Terrain
 from eldir.training.configuration import TrainingConfig
 from eldir.training.fitting import motion_gradient
 from eldir.training.loop import initial_controllers
-from eldir.validity import NO_GRADIENT, OK, REFUSED, max_speeds
 from tests.eldir.engine.random_robots import SMALL, robots
 
 PAPER = Scene.preset("paper")

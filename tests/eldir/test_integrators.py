@@ -7,10 +7,10 @@ import pytest
 
 from eldir.controller import Controller
 from eldir.engine.stable_step import stable_step
+from eldir.engine.validity import OK
 from eldir.rollout import loss_and_gradient, simulate
 from eldir.scene import Scene
 from eldir.terrain import Terrain
-from eldir.validity import OK
 from tests.eldir.engine.random_robots import SMALL, WEIGHTS, like, moved, norm, robots
 from tests.eldir.extreme_robots import extreme, grows, hovering, silent
 

@@ -5,13 +5,13 @@ import pytest
 
 from eldir.controller import Controller
 from eldir.defaults import Optimiser
+from eldir.engine.validity import REFUSED
 from eldir.errors import EldirError, InputError
 from eldir.learning import learn
 from eldir.physics import Physics
 from eldir.rollout import loss_and_gradient, simulate
 from eldir.scene import Scene
 from eldir.training.configuration import TrainingConfig
-from eldir.validity import REFUSED
 from tests.eldir.engine.random_robots import SMALL, WEIGHTS, robots
 from tests.eldir.engine.twin import paper_rollout
 from tests.eldir.random_physics import PAPER, RUGGED, drawn

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from eldir.engine.stable_step import eigenvalue_bounds, is_stable, largest_eigenvalue, stable_step, substeps
+from eldir.engine.validity import OK, REFUSED
 from eldir.errors import EldirError
 from eldir.genotype import random_genotypes
 from eldir.lattice import Lattice
@@ -17,7 +18,6 @@ from eldir.physics import Physics, resolve_physics
 from eldir.rollout import Rollout, loss_and_gradient, simulate
 from eldir.scene import Scene
 from eldir.terrain import Terrain
-from eldir.validity import OK, REFUSED
 from tests.eldir.extreme_robots import extreme, grows, hovering, silent
 from tests.raised import raises
 

@@ -5,8 +5,8 @@ import pickle
 import numpy as np
 import pytest
 
+from eldir.engine.validity import NO_GRADIENT, OK, is_chaotic, is_rounded
 from eldir.rollout import loss_and_gradient, simulate
-from eldir.validity import NO_GRADIENT, OK, is_chaotic, is_rounded
 from tests.eldir.engine.random_robots import SMALL, robots
 from tests.eldir.extreme_scenes import (
     NASTY,

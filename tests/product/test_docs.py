@@ -86,7 +86,7 @@ def test_what_pages_import_is_there(page: Path) -> None:
 @pytest.mark.parametrize("page", ["built", "python", "test-doubles"])
 def test_examples_of_a_page_run(page: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """All Python of these reference pages, block after block; of a walk one cycle counts, not five."""
-    monkeypatch.setattr(walking.walk, "__kwdefaults__", {"cycles": 1})
+    monkeypatch.setattr(walking.walk, "__kwdefaults__", {"cycles": 1, "terrain": None})
     code = "\n".join(PYTHON.findall((ROOT / "docs" / "reference" / f"{page}.md").read_text()))
     exec(compile(code, page, "exec"), {})
 

@@ -40,7 +40,7 @@ def test_examples_run(
     printed robots counts, not five."""
     monkeypatch.setattr(samples, "CYCLES", 1)
     monkeypatch.setattr(screening, "CYCLES", 1)
-    monkeypatch.setattr(walking.walk, "__kwdefaults__", {"cycles": 1})
+    monkeypatch.setattr(walking.walk, "__kwdefaults__", walking.walk.__kwdefaults__ | {"cycles": 1})
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     monkeypatch.chdir(tmp_path)
     runpy.run_path(str(path), run_name="__main__")

@@ -13,6 +13,7 @@ from eldir.built.motion import drive
 from eldir.built.robot import build
 from eldir.built.screening import candidate_gaits
 from eldir.built.stability import stable_step
+from eldir.engine.validity import OK
 from eldir.genotype import random_genotypes
 from eldir.lattice import Lattice
 from eldir.learning import initial_controllers, learn
@@ -20,7 +21,6 @@ from eldir.morphology import develop
 from eldir.rollout import loss_and_gradient
 from eldir.scene import Integrator, Scene
 from eldir.terrain import Terrain
-from eldir.validity import OK
 from tests.eldir.built.braced_robots import swing
 from tests.eldir.engine.random_robots import WEIGHTS, assert_float32_is_close, like, moved
 from tests.eldir.engine.twin import built_run

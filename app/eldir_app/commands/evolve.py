@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 _OPTIONS_OF_RESUME = {"resume", "cluster", "device", "as_json", "explain"}
 _OPTIONS_OF_PRINTED_RESUME = {"resume", "cluster", "as_json"}
 _OPTIONS_OF_PRINTED = {
-    "out", "objective", "rig", "lattice", "population", "generations", "max_motors", "static_margin", "seed",
-    "cluster", "as_json",
+    "out", "objective", "rig", "lattice", "population", "generations", "terrain", "max_motors",
+    "static_margin", "seed", "cluster", "as_json",
 }  # fmt: skip
 
 _NewRun = Annotated[Path | None, typer.Option(metavar="RUN", help="New run folder.")]

@@ -10,7 +10,7 @@ from eldir.engine.grid import FAMILIES
 from eldir.engine.kernels.contact import FRICTION, friction_contact, reset_segments
 from eldir.engine.kernels.layout import CPG_ROWS
 from eldir.engine.kernels.mass_spring import advance, family_offset, spring_impulse
-from eldir.validity import MAX_SQUARE, OK
+from eldir.engine.validity import MAX_SQUARE, OK
 
 
 @ti.func

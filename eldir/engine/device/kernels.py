@@ -22,7 +22,7 @@ from eldir.engine.kernels.learning_launch import Robot, constants
 from eldir.engine.kernels.memory import reread
 from eldir.engine.kernels.simd import Simd, tanh_of
 from eldir.engine.runtime import argument_types, make_kernel
-from eldir.validity import OK
+from eldir.engine.validity import OK
 
 Kernel = Callable[[DeviceLaunch], None]
 

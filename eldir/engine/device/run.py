@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from eldir.engine.device import layout
 from eldir.engine.device.kernels import kernels, shared_values
 from eldir.engine.device.records import DEVICE, DeviceArrays, DeviceLaunch, DeviceResult, DeviceTask
+from eldir.engine.validity import OK
 from eldir.errors import EldirError
-from eldir.validity import OK
 
 _logger = logging.getLogger(__name__)
 

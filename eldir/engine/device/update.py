@@ -6,7 +6,7 @@ from eldir.engine.device.forward import keep_best, loss_index, stride_count, sum
 from eldir.engine.device.layout import LARGEST_GRADIENT, WARP
 from eldir.engine.kernels.layout import CPG_ROWS
 from eldir.engine.kernels.memory import local
-from eldir.validity import MAX_SQUARE, NO_GRADIENT
+from eldir.engine.validity import MAX_SQUARE, NO_GRADIENT
 
 _ROWS, _UNITS = 8, 4
 """Weights of one thread while it adds up their gradients: so many inputs times so many hidden units."""

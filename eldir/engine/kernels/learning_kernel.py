@@ -37,7 +37,7 @@ from eldir.engine.kernels.mass_spring import (
 )
 from eldir.engine.kernels.simd import fill, max_of, vectors
 from eldir.engine.runtime import argument_types, make_kernel
-from eldir.validity import MAX_SQUARE, NO_GRADIENT, OK
+from eldir.engine.validity import MAX_SQUARE, NO_GRADIENT, OK
 
 
 @cache

@@ -204,7 +204,7 @@ class Robot(NamedTuple):
     friction: Any
     """Coefficient of friction, for this robot."""
     max_squared_speed: Any
-    """This robot has diverged where a mass is faster [m2/s2] (`eldir.validity`)."""
+    """This robot has diverged where a mass is faster [m2/s2] (`eldir.engine.validity`)."""
     actuation: Any
     sensing_scale: Any
     softening: Any

@@ -12,6 +12,7 @@ import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
+from eldir.built import ground
 from eldir.built.gait import CYCLES
 from eldir.built.robot import PrintedRobot, build, height_over_base
 from eldir.core.pictures import GROUND, MOTOR, PASSIVE, csv_text, page_templates, write_figures
@@ -22,6 +23,7 @@ from eldir.evolution.figures import chart, tidy, whole_numbers
 from eldir.evolution.printed.archive import Walker
 from eldir.evolution.printed.run_folder import PrintedRun, read_status
 from eldir.morphology import Morphology
+from eldir.terrain import Terrain
 
 _COLUMNS = 4  # of robots side by side
 _WALK = "walk [body lengths per 5 cycles]"
@@ -169,6 +171,27 @@ def bodies_figure(elites: Sequence[Elite]) -> Figure:
     return figure
 
 
+def ground_figure(best: Elite, terrain: Terrain) -> Figure:
+    """Figure of the terrain, with a robot where it begins."""
+    figure = Figure(figsize=(8.0, 3.0), layout="constrained")
+    axes = figure.add_subplot(xlabel="forward [m]", ylabel="height [m]")
+    place_x, place_y = ground.place(best.robot, terrain)[:2]
+    ends = np.column_stack([place_x, place_y])[best.robot.springs]
+    for kind, colour, width in (
+        (~best.robot.active, PASSIVE, 1.0),
+        (best.robot.active, MOTOR, 2.6),
+    ):
+        axes.add_collection(LineCollection(list(ends[kind]), colors=colour, linewidths=width))
+    margin = best.robot.body_length
+    first, last = place_x.min() - margin, max(terrain.x0[-1], place_x.max()) + margin
+    x = np.unique([first, last, *terrain.x0[(terrain.x0 > first) & (terrain.x0 < last)]])
+    axes.plot(x, terrain.height(x), color=GROUND)
+    axes.set_aspect("equal")
+    axes.margins(0.02)
+    tidy(axes)
+    return figure
+
+
 def gaits_figure(elites: Sequence[Elite]) -> Figure:
     """Figure of the heating of each motor over one period."""
     figure = Figure(figsize=(6.4, 0.8 + 0.42 * len(elites)), layout="constrained")
@@ -243,6 +266,11 @@ def write_printed_analysis(
             walks_figure(shown),
         ),
     }
+    if run.config.terrain is not None:
+        drawn["ground"] = (
+            "The ground on which all robots were tried, and the best one where it begins",
+            ground_figure(elites[0], run.config.terrain),
+        )
     page = page_templates("eldir.evolution").get_template("printed.html").render(
         run=run, status=status, elites=shown, figures={name: caption for name, (caption, _) in drawn.items()}
     )  # fmt: skip

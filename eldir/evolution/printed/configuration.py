@@ -12,14 +12,16 @@ from typing import Annotated
 from pydantic import Field
 
 from eldir import defaults
+from eldir.built.ground import check_terrain
 from eldir.core import arguments
-from eldir.core.records import Record, record
+from eldir.core.records import OMITTED, Record, record
 from eldir.evolution.printed.genome import Timing
 from eldir.lattice import Lattice
 from eldir.morphology import Morphology
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
+from eldir.terrain import Terrain
 
 _MAX_MOTORS = 4
 RejectionReason = Callable[[Morphology], str]
@@ -30,7 +32,7 @@ RejectionReason = Callable[[Morphology], str]
 class PrintedEvolutionConfig(Record):
     """How printed robots are evolved."""
 
-    OPTIONAL = frozenset[str]()
+    OPTIONAL = frozenset({"terrain"})
 
     lattice: Lattice = field(default_factory=lambda: Lattice(*defaults.PRINTED_LATTICE))
     """Size of the lattice in which bodies lie."""
@@ -50,8 +52,12 @@ class PrintedEvolutionConfig(Record):
     """The nominal springs on the supply of the rig."""
     timings: tuple[Timing, ...] = tuple(Timing(*timing) for timing in defaults.PRINTED_TIMINGS)
     """Periods and times of heating that the rig allows."""
+    terrain: Annotated[Terrain | None, OMITTED] = None
+    """The ground [m, of the printed robot]; by default a table."""
 
     def __post_init__(self) -> None:
+        if self.terrain is not None:
+            check_terrain(self.terrain)
         arguments.require_memory(self.lattice.rows, self.lattice.columns, self.offspring)
         arguments.require_margin(
             "PrintedEvolutionConfig.static_margin",

@@ -196,9 +196,9 @@ class PrintedSearch:
     def screen(self, candidates: Sequence[Candidate]) -> tuple[FloatArray, list[tuple[Candidate, Trial]]]:
         """The walks of the first trial, and the robots that go on with their two best gaits. A robot that
         walks backwards goes on as its mirror image."""
-        nominal = self.config.nominal
+        nominal, ground = self.config.nominal, self.config.terrain
         trials = [
-            make_screening_trial(c.body, self._gait(c), self._seed(c.number, 0), spread=c.parent < 0)
+            make_screening_trial(c.body, self._gait(c), self._seed(c.number, 0), c.parent < 0, ground)
             for c in candidates
         ]
         walks = count_falls_as_zero(self.evaluate(screen_gaits, trials, nominal))
@@ -217,7 +217,10 @@ class PrintedSearch:
             if forward < 0:
                 gaits = [self._mirror_gait(candidates[i], candidate, gait) for gait in gaits]
             promising.append(
-                (candidate, Trial(candidate.body, tuple(gaits), self._seed(candidate.number, 1)))
+                (
+                    candidate,
+                    Trial(candidate.body, tuple(gaits), self._seed(candidate.number, 1), terrain=ground),
+                )
             )
         return walks, promising
 
@@ -233,7 +236,10 @@ class PrintedSearch:
         return self.keep_steady(chosen)[:room]
 
     def keep_steady(self, chosen: Sequence[tuple[Candidate, Gait]]) -> list[tuple[Candidate, Gait]]:
-        """Those that walk about as far up a slope as down it."""
+        """Those that walk about as far up a slope as down it; all on a terrain, whose slopes matter more than
+        those of a table."""
+        if self.config.terrain is not None:
+            return list(chosen)
         trials = [Trial(c.body, (gait,), self._seed(c.number, 3)) for c, gait in chosen]
         walks = self.evaluate(walk_on_slopes, trials, self.config.nominal)
         steady = (walks.min(axis=1) > 0) & (walks.min(axis=1) >= _MIN_SLOPE_RATIO * walks.max(axis=1))
@@ -272,7 +278,13 @@ class PrintedSearch:
             return []
         bodies = [w.genome.body(self.config.lattice) for w in walkers]
         trials = [
-            Trial(body, (w.genome.gait(body, self.config.timings),), self._seed(w.number, 2), len(w.walks))
+            Trial(
+                body,
+                (w.genome.gait(body, self.config.timings),),
+                self._seed(w.number, 2),
+                len(w.walks),
+                self.config.terrain,
+            )
             for w, body in zip(walkers, bodies, strict=True)
         ]
         walks = self.evaluate(evaluate_walks, trials, self.config.nominal)

@@ -19,6 +19,7 @@ from eldir.built.walking import displacements
 from eldir.core.records import FloatArray
 from eldir.morphology import Morphology
 from eldir.parameters.robot import RobotParameters
+from eldir.terrain import Terrain
 
 LANES = 8
 """Robots of one body that the engine moves at the cost of one."""
@@ -42,16 +43,20 @@ class Trial:
     """Seed of the samples; the n-th sample of a robot is the same in every trial with this seed."""
     first: int = 0
     """Number of the first sample of a further evaluation."""
+    terrain: Terrain | None = None
+    """The ground, one for all trials of a run; by default a table."""
 
 
-def make_screening_trial(body: Morphology, gait: Gait, seed: tuple[int, ...], spread: bool) -> Trial:
+def make_screening_trial(
+    body: Morphology, gait: Gait, seed: tuple[int, ...], spread: bool, terrain: Terrain | None = None
+) -> Trial:
     """The first trial of a body: its gait and seven others around it, or with `spread` all eighths of the
     period. Motors after the first one move together, or against each other if there are three or more."""
     motors = len(gait.phase)
     steps = np.arange(LANES) / LANES if spread else np.array(_OFFSETS)
     turn = np.array([0.0, *(1.0 if m % 2 else -1.0 for m in range(1, motors))])
     gaits = [replace(gait, phase=(gait.phase + step * turn) % 1.0) for step in steps]
-    return Trial(body, tuple(gaits), seed)
+    return Trial(body, tuple(gaits), seed, terrain=terrain)
 
 
 def screen_gaits(trials: Sequence[Trial], nominal: RobotParameters) -> FloatArray:
@@ -111,4 +116,5 @@ def _walks(
     heated = [(gait, own) for (_, gait, _), own in zip(lanes, springs, strict=True)]
     hubs = [trial.body.motor_hubs for trial, _, _ in lanes]
     tables = free_lengths_batch(heated, _CYCLES, many=True, hubs=hubs)  # a cluster's workers have few of them
-    return displacements(robots, tables, _CYCLES, robots_of[0].free_lengths, _MAX_COIL_LOAD)
+    free, ground = robots_of[0].free_lengths, lanes[0][0].terrain
+    return displacements(robots, tables, _CYCLES, free, _MAX_COIL_LOAD, ground)

@@ -12,6 +12,7 @@ from eldir.lattice import Lattice
 from eldir.morphology import Morphology, develop
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.springs import SpringParameters
+from tests.eldir.engine.hub_twin import least_bent
 
 LATTICE = Lattice(6, 11)
 COLD, HOT = SpringParameters.cold_length, SpringParameters.hot_length
@@ -67,3 +68,19 @@ def momenta(robot: PrintedRobot, state: np.ndarray) -> np.ndarray:
     x, y, vx, vy, _, _, spin = state
     m = robot.masses
     return np.array([m @ vx, m @ vy, m @ (x * vy - y * vx) + robot.inertias @ spin])
+
+
+def energy(robot: PrintedRobot, state: np.ndarray) -> float:
+    """Kinetic energy, and that of strips below their buckling load [J]; without friction in the sockets."""
+    p, angle = robot.parameters, np.arctan2(state[5], state[4])
+    total = robot.masses @ (state[2:4] ** 2).sum(axis=0) / 2 + robot.inertias @ state[6] ** 2 / 2
+    for s, (a, b) in enumerate(robot.springs):
+        way = np.arctan2(*robot.directions[s][::-1])
+        out = [np.array([np.cos(way + angle[i]), np.sin(way + angle[i])]) for i in (a, b)]
+        d = state[:2, a] - state[:2, b] - p.socket * (out[0] + out[1])
+        chord = np.arctan2(d[1], d[0])
+        turned = np.array([(way + angle[i] - chord + np.pi) % (2 * np.pi) - np.pi for i in (a, b)])
+        pa, pb = least_bent(turned, p.socket_turn)
+        total += 2 * robot.bending[s] * (pa**2 + pa * pb + pb**2)
+        total += robot.stiffness[s] * (np.linalg.norm(d) - robot.rest_lengths[s] + 2 * p.socket) ** 2 / 2
+    return float(total)

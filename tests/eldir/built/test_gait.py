@@ -8,11 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eldir.built.gait import CONDITIONING, DUTY, PERIOD, SETTLE, Gait, free_lengths, free_lengths_batch
+from eldir.engine.validity import OK
 from eldir.errors import InputError
 from eldir.parameters.springs import SpringParameters
 from eldir.rollout import Rollout
 from eldir.scene import Scene
-from eldir.validity import OK
 
 SCENE = Scene.preset("paper")
 

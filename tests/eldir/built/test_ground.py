@@ -16,9 +16,8 @@ from eldir.built.walking import tie_share
 from eldir.errors import InputError
 from eldir.parameters.printed import BuiltParameters
 from eldir.terrain import Terrain
-from tests.eldir.built.braced_robots import COLD, HOT, bodies, strip, swing, unheated
+from tests.eldir.built.braced_robots import COLD, HOT, bodies, energy, strip, swing, unheated
 from tests.eldir.built.grounds import plane, polyline, steps, zigzag
-from tests.eldir.built.test_hubs import energy
 from tests.eldir.engine.twin import built_run
 from tests.raised import raises
 

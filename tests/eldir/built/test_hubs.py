@@ -19,7 +19,17 @@ from eldir_cad.kit.printer import load_printer
 from eldir_cad.kit.specification import load_specification
 from eldir_cad.multibody.hubs import hub_inertias
 from eldir_cad.multibody.model import SOCKET_FRICTION
-from tests.eldir.built.braced_robots import COLD, FREE_FALL, HOT, bodies, momenta, strip, swing, unheated
+from tests.eldir.built.braced_robots import (
+    COLD,
+    FREE_FALL,
+    HOT,
+    bodies,
+    energy,
+    momenta,
+    strip,
+    swing,
+    unheated,
+)
 from tests.eldir.engine.hub_twin import least_bent
 from tests.eldir.engine.twin import built_run
 from tests.raised import raises
@@ -40,22 +50,6 @@ def floating(spin: float = 3.0, **changes: float) -> tuple[PrintedRobot, np.ndar
     state[2:4] = 0.05 * rng.standard_normal((2, len(robot.masses)))
     state[6] = spin * rng.standard_normal(len(robot.masses))
     return robot, state
-
-
-def energy(robot: PrintedRobot, state: np.ndarray) -> float:
-    """Kinetic energy, and that of strips below their buckling load [J]; without friction in the sockets."""
-    p, angle = robot.parameters, np.arctan2(state[5], state[4])
-    total = robot.masses @ (state[2:4] ** 2).sum(axis=0) / 2 + robot.inertias @ state[6] ** 2 / 2
-    for s, (a, b) in enumerate(robot.springs):
-        way = np.arctan2(*robot.directions[s][::-1])
-        out = [np.array([np.cos(way + angle[i]), np.sin(way + angle[i])]) for i in (a, b)]
-        d = state[:2, a] - state[:2, b] - p.socket * (out[0] + out[1])
-        chord = np.arctan2(d[1], d[0])
-        turned = np.array([(way + angle[i] - chord + np.pi) % (2 * np.pi) - np.pi for i in (a, b)])
-        pa, pb = least_bent(turned, p.socket_turn)
-        total += 2 * robot.bending[s] * (pa**2 + pa * pb + pb**2)
-        total += robot.stiffness[s] * (np.linalg.norm(d) - robot.rest_lengths[s] + 2 * p.socket) ** 2 / 2
-    return float(total)
 
 
 def test_the_numbers_are_those_of_the_parts() -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from eldir.controller import Controller
+from eldir.engine.validity import OK
 from eldir.errors import InputError
 from eldir.genotype import Genotype, random_genotypes
 from eldir.lattice import Lattice
@@ -15,7 +16,6 @@ from eldir.rollout import loss_and_gradient, simulate
 from eldir.scene import Scene
 from eldir.terrain import Terrain
 from eldir.training.configuration import TrainingConfig
-from eldir.validity import OK
 from tests.eldir.engine.random_robots import (
     SMALL,
     WEIGHTS,

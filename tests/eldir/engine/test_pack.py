@@ -10,12 +10,12 @@ from hypothesis import strategies as st
 from eldir.engine.grid import FAMILIES, place_on_grid, place_on_grids
 from eldir.engine.pack import ORIGIN, dtype, pack
 from eldir.engine.threads import for_each
+from eldir.engine.validity import max_speeds
 from eldir.genotype import random_genotypes
 from eldir.lattice import Lattice
 from eldir.morphology import Bodies, Morphology, develop_all
 from eldir.scene import Scene
 from eldir.training.loop import initial_controllers
-from eldir.validity import max_speeds
 from tests.eldir.engine.random_robots import WEIGHTS
 from tests.eldir.random_physics import PAPER, RUGGED, drawn
 

@@ -46,7 +46,8 @@ def test_no_spills_and_two_blocks_or_more(launches: list[assembly.Launch], archi
     transpose, forward, reverse, update = kernels
     threads = launches[0].threads
     # The compilers ask for two blocks on a multiprocessor: 255 registers to 128 threads, 168 to 192.
-    max_spills = {128: 0, 64: 16}.get(threads, 500)
+    few = 0 if compiler_name() == "quadrants" else 16  # Taichi's passes take all of the 255
+    max_spills = {128: few, 64: 16}.get(threads, 500)
     assert all(k.stack <= max_spills and k.spill_stores <= max_spills for k in kernels), told
     assert all(k.threads == threads and k.blocks >= 2 for k in kernels), told
     assert transpose.registers <= 64 and transpose.barriers <= 1 == forward.barriers == reverse.barriers, told

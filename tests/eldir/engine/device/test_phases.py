@@ -14,12 +14,12 @@ from eldir.engine.device.records import ASCENDING, DESCENDING, DeviceResult, Dev
 from eldir.engine.device.run import numpy_memory, run
 from eldir.engine.kernels.contact import NO_SLIP
 from eldir.engine.shortcuts import Shortcuts
+from eldir.engine.validity import NO_GRADIENT
 from eldir.evolution.search import make_scene
 from eldir.learning import initial_controllers
 from eldir.morphology import Morphology
 from eldir.physics import Physics
 from eldir.scene import Scene
-from eldir.validity import NO_GRADIENT
 from tests.eldir.engine.device.device_learning import LENGTH, make_task, on_processor
 from tests.eldir.engine.random_robots import (
     SMALL,

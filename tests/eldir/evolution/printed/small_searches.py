@@ -4,13 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 
+from eldir.built.gait import Gait
 from eldir.evolution.printed.configuration import PrintedEvolutionConfig
 from eldir.evolution.printed.genome import PrintedGenome, random_genomes
+from eldir.genotype import random_genotypes
 from eldir.lattice import Lattice
-from eldir.morphology import Morphology
+from eldir.morphology import Morphology, develop
 
 LATTICE = Lattice(6, 11)
 SMALL = PrintedEvolutionConfig(lattice=LATTICE, offspring=4, generations=2, static_margin=0.0, seed=3)
+
+_SMALL_LATTICE = Lattice(3, 6)
+BODY = develop(_SMALL_LATTICE, random_genotypes(_SMALL_LATTICE, 1, np.random.default_rng(10), 2)[0])
+GAIT = Gait(20.0, np.array([0.0, 0.125]), np.full(2, 0.3))  # with it the body walks a little
 
 
 def genomes(n: int, seed: int = 0, lattice: Lattice = LATTICE, motors: int = 2) -> list[PrintedGenome]:

@@ -291,7 +291,7 @@ def test_bodies_that_never_stand_end_the_run(monkeypatch: pytest.MonkeyPatch) ->
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["--objective", "printed", "--terrain", "level"], "remove --terrain"),
+        (["--objective", "printed", "--terrain", "hills"], "hills"),
         (["--objective", "printed", "--iterations", "9"], "remove --iterations"),
         (["--rig", "rig.yaml"], "--rig is only for --objective printed"),
         (["--objective", "prnted"], "prnted"),

@@ -26,13 +26,10 @@ from eldir.genotype import random_genotypes
 from eldir.lattice import Lattice
 from eldir.morphology import Morphology, develop
 from eldir.parameters.robot import RobotParameters
-from tests.eldir.evolution.printed.small_searches import SMALL
+from tests.eldir.evolution.printed.small_searches import BODY, GAIT, SMALL
 
 pytestmark = pytest.mark.slow(30)
 
-LATTICE = Lattice(3, 6)
-BODY = develop(LATTICE, random_genotypes(LATTICE, 1, np.random.default_rng(10), 2)[0])
-GAIT = Gait(20.0, np.array([0.0, 0.125]), np.full(2, 0.3))  # with it the body walks a little
 NOMINAL = SMALL.nominal
 assert NOMINAL.printed.joints == "pins"
 
@@ -81,7 +78,8 @@ def test_hubs_decide_between_two_gaits_with_the_same_samples() -> None:
 
 def test_a_coil_near_its_buckling_load_counts_as_no_walk() -> None:
     """One of two samples of this robot presses a coil beyond 0.75 of what makes it buckle; both stand."""
-    body = develop(LATTICE, random_genotypes(LATTICE, 60, np.random.default_rng(3), 2)[45])
+    lattice = Lattice(3, 6)
+    body = develop(lattice, random_genotypes(lattice, 60, np.random.default_rng(3), 2)[45])
     gait = replace(GAIT, phase=np.zeros(2))
     hubs = replace(NOMINAL, printed=NOMINAL.printed.with_hubs())
     up_to_buckling = [alone(body, gait, hubs, (9, k), 1) for k in range(2)]
