@@ -63,7 +63,7 @@ def drive(
     (K + 1, A). Positions are kept at every `every`-th instant. `states` are those at the end of earlier
     motions, to continue them. `step` [s]: the largest integration step; by default 0.95 of what is stable in
     any pose. `free`: cold and hot free length [m], between which the stiffness goes from cold to hot, for all
-    robots or for each. For choices among many, drive `PrintedRobot.coarse`: it takes an eighth of the time.
+    robots or for each. For choices among many, drive `PrintedRobot.coarse`: it takes a seventh of the time.
     `terrain`: the ground, by default the table y = 0; robots without a state begin where
     `eldir.built.ground.place` puts them. Raises `InputError` for a table or a state of the wrong shape, an
     interval, a step or an `every` that is not positive, a hot free length that is not longer, and a terrain

@@ -85,7 +85,7 @@ class PrintedRobot(Record):
     def coarse(
         self, tension: float = SOFT_TENSION, damping: float = 0.25, inertia: float = 2.0
     ) -> PrintedRobot:
-        """A robot that walks nearly as this one in an eighth of the time, for choices among many: with strips
+        """A robot that walks nearly as this one in a seventh of the time, for choices among many: with strips
         of at most `tension` [N/m] and, if it has hubs, `damping` times their damping and `inertia` times the
         inertia, so that longer steps are stable.
 
