@@ -30,8 +30,8 @@ MAX_POPULATION, MAX_GENERATIONS, MAX_ITERATIONS = 100_000, 1_000_000, 100_000
 
 PRINTED_LATTICE = (6, 11)
 """Rows and columns that a printer's workspace holds."""
-PRINTED_OFFSPRING = 32
-"""Robots of a generation of printed robots."""
+PRINTED_OFFSPRING, MIN_PRINTED_OFFSPRING = 32, 4
+"""Robots of a generation of printed robots; the fewest of which the trials can choose."""
 PRINTED_GENERATIONS = 12
 PRINTED_MOTORS = 2
 """Four channels heat two motors, each with a spring on both faces."""

@@ -100,7 +100,8 @@ def create_paper_run(out: Path, options: NewRunOptions) -> RunFolder:
 
 
 def create_printed_run(out: Path, options: NewRunOptions) -> PrintedRun:
-    """A new run of printed robots. Raises `InputError` for more motors than the rig can heat."""
+    """A new run of printed robots. Raises `InputError` for too few robots, and for more motors than the rig
+    can heat."""
     from eldir import defaults
     from eldir.core.files import require_new
     from eldir.evolution.printed.configuration import PrintedEvolutionConfig
@@ -109,6 +110,9 @@ def create_printed_run(out: Path, options: NewRunOptions) -> PrintedRun:
     from eldir_hardware.planning.workshop import make_workshop
 
     shape = options.shape(defaults.PRINTED_LATTICE)
+    offspring = defaults.PRINTED_OFFSPRING if options.population is None else options.population
+    fewest = defaults.MIN_PRINTED_OFFSPRING
+    require_value("--population", offspring >= fewest, f"at least {fewest} printed robots", offspring)
     require_new(out)
     conditions = make_workshop(options.rig)
     motors = options.max_motors
@@ -119,7 +123,7 @@ def create_printed_run(out: Path, options: NewRunOptions) -> PrintedRun:
     require_value("--max-motors", motors <= conditions.motors, expected, motors, remedy)
     config = PrintedEvolutionConfig(
         lattice=Lattice(*shape),
-        offspring=defaults.PRINTED_OFFSPRING if options.population is None else options.population,
+        offspring=offspring,
         generations=defaults.PRINTED_GENERATIONS if options.generations is None else options.generations,
         max_active=motors,
         static_margin=defaults.PRINTED_MARGIN if options.static_margin_m is None else options.static_margin_m,

@@ -36,7 +36,9 @@ class PrintedEvolutionConfig(Record):
 
     lattice: Lattice = field(default_factory=lambda: Lattice(*defaults.PRINTED_LATTICE))
     """Size of the lattice in which bodies lie."""
-    offspring: Annotated[int, Field(ge=4, le=defaults.MAX_POPULATION)] = defaults.PRINTED_OFFSPRING
+    offspring: Annotated[int, Field(ge=defaults.MIN_PRINTED_OFFSPRING, le=defaults.MAX_POPULATION)] = (
+        defaults.PRINTED_OFFSPRING
+    )
     """New robots in a generation; six times as many random ones at the beginning."""
     generations: Annotated[int, Field(ge=0, le=defaults.MAX_GENERATIONS)] = defaults.PRINTED_GENERATIONS
     """Generations of offspring after the random robots."""

@@ -306,12 +306,13 @@ def test_wrong_arguments_leave_nothing(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_more_motors_than_the_rig_heats(tmp_path: Path) -> None:
+@pytest.mark.parametrize("option", ["--max-motors", "--population"])
+def test_more_motors_than_the_rig_heats_or_too_few_robots(option: str, tmp_path: Path) -> None:
     found = CliRunner().invoke(
         application("evolve"),
-        ["evolve", "--objective", "printed", "--max-motors", "3", "--out", str(tmp_path / "run")],
+        ["evolve", "--objective", "printed", option, "3", "--out", str(tmp_path / "run")],
     )
-    assert found.exception.key == "--max-motors"
+    assert found.exception.key == option
     assert list(tmp_path.iterdir()) == []
 
 
