@@ -28,7 +28,7 @@ from eldir_ros.base.rig_node import STOP, RigNode
 from eldir_ros.base.spinning import spin
 from eldir_ros.conversions import board as convert
 from eldir_ros.conversions import runs
-from eldir_ros.remote.obeyed_commands import ObeyedCommands
+from eldir_ros.remote.remote_bank import ObeyedCommands
 
 _KEEPALIVE_INTERVAL = 0.05  # of messages to the guardian [s]
 
