@@ -2,7 +2,7 @@
 # Use of this source code is governed by an MIT-style license that can be found in the LICENSE file or at
 # https://opensource.org/licenses/MIT.
 
-"""Nodes in a process: joined to the graph, spun until SIGINT or SIGTERM, then shut down with everything off."""
+"""Nodes in a process: joined to the graph, spun until SIGINT or SIGTERM, then shut down with all off."""
 
 from __future__ import annotations
 

@@ -203,8 +203,8 @@ class RemoteBank(HeaterBank):
 
 
 class ObeyedCommands:
-    """Sequence numbers of commands and when they were obeyed, on the clock of the board's readings [s], so that
-    a report can name the latest one before it."""
+    """Sequence numbers of commands and when they were obeyed, on the clock of the board's readings [s], so
+    that a report can name the latest one before it."""
 
     def __init__(self) -> None:
         self._obeyed: deque[tuple[float, str, int]] = deque(maxlen=_MAX_COMMANDS)
