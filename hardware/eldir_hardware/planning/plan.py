@@ -26,7 +26,8 @@ from eldir_hardware.planning.compiler import compile_schedule
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.supply import LimitError, power_shares, scale_by_shares
 from eldir_hardware.safety.compatibility import with_digests
-from eldir_hardware.safety.limits import DUTY_WINDOW, check_heat, heat_margins, max_pulse
+from eldir_hardware.safety.limits import DUTY_WINDOW, check_heat, max_pulse
+from eldir_hardware.safety.margins import heat_margins
 from eldir_hardware.schedule import ActuationSchedule, PredictedCycle, PredictedWalk, Pulse
 
 MAX_PERIOD_S = 120.0

@@ -19,8 +19,16 @@ from eldir_cad.geometry.assembly import assemble
 from eldir_cad.kit.specification import load_specification
 from eldir_cad.multibody.hubs import hub_name, hub_shapes
 from eldir_hardware.vision.whole_body import estimate_body, estimate_hub_angles
-from eldir_ros.base.message_types import COMPLETE, LATCHED, RELIABLE, message_class, new_message
-from eldir_ros.base.node_parameters import declare_text, frame_name, get_file
+from eldir_ros.base.interfaces import (
+    COMPLETE,
+    LATCHED,
+    RELIABLE,
+    declare_text,
+    frame_name,
+    get_file,
+    message_class,
+    new_message,
+)
 from eldir_ros.base.rig_node import RigNode
 from eldir_ros.base.spinning import spin
 from eldir_ros.conversions import marks, robot
