@@ -22,7 +22,14 @@ from eldir.parameters.spreads import LargeSpread, Prior, Tolerance, VariesWith, 
 STRIP_SPREAD = 0.3e-3
 """Standard deviation of a printed strip's length from the drawing [m]."""
 _RESIN = "modulus and thickness of cured resin"
-_ALLOY = "shear modulus of published alloys, third power of the coil diameter"
+_Stiffness = Annotated[
+    PositiveFloat,
+    Prior(0.35, "shear modulus of published alloys, third power of the coil diameter"),
+    VariesWith("weight"),
+    Tolerance(0.05, shared="stiffness"),
+    LargeSpread(0.1, 0.5),
+]
+"""Stiffness of a shape-memory spring, cold or hot."""
 _SAMPLED_FIRST = (
     "tension", "buckling", "socket_friction", "strip_damping", "active_damping", "drag", "hexagon",
     "half_connector", "strip", "active_spring", "cold_stiffness", "friction",
@@ -78,21 +85,9 @@ class BuiltParameters(Record):
         NonNegativeFloat, Prior(0.5, _RESIN), Tolerance(0.2), Tolerance(0.5, joints="hubs")
     ] = 0.05
     """Damping ratio of a strip between its two masses, along it and, clamped, across."""
-    cold_stiffness: Annotated[
-        PositiveFloat,
-        Prior(0.35, _ALLOY),
-        VariesWith("weight"),
-        Tolerance(0.05, shared="stiffness"),
-        LargeSpread(0.1, 0.5),
-    ] = 49.0
+    cold_stiffness: _Stiffness = 49.0
     """Stiffness of a shape-memory spring, all martensite [N/m]."""
-    hot_stiffness: Annotated[
-        PositiveFloat,
-        Prior(0.35, _ALLOY),
-        VariesWith("weight"),
-        Tolerance(0.05, shared="stiffness"),
-        LargeSpread(0.1, 0.5),
-    ] = 124.0
+    hot_stiffness: _Stiffness = 124.0
     """Stiffness of a shape-memory spring, all austenite [N/m]."""
     active_damping: Annotated[
         NonNegativeFloat, Prior(0.5, "assumption"), VariesWith("weight"), Tolerance(0.2)

@@ -52,6 +52,7 @@ _SAMPLED_FIRST = (
 )  # fmt: skip
 """Fields in the order in which former versions sampled them; new fields come after these by themselves."""
 _Celsius = Annotated[float, Field(gt=-273.15)]
+_TRANSITION = Tolerance(1.0, "absolute", shared="transition")
 
 
 @record
@@ -135,23 +136,15 @@ class SpringParameters(Record):
     """Whether the fan is on."""
     ambient: _Celsius = 22.0
     """Ambient temperature [C]."""
-    austenite_start: Annotated[
-        _Celsius, VariesWith("transition"), Tolerance(1.0, "absolute", shared="transition")
-    ] = 45.0
+    austenite_start: Annotated[_Celsius, VariesWith("transition"), _TRANSITION] = 45.0
     """Temperature As at which austenite begins to form [C]; the paper does not give it."""
     austenite_finish: Annotated[
-        _Celsius,
-        Prior(1.0, _BATCH, name="transition", between_springs=1.0, additive=True),
-        Tolerance(1.0, "absolute", shared="transition"),
+        _Celsius, Prior(1.0, _BATCH, name="transition", between_springs=1.0, additive=True), _TRANSITION
     ] = 60.0
     """Temperature Af at which all is austenite [C]."""
-    martensite_start: Annotated[
-        _Celsius, VariesWith("transition"), Tolerance(1.0, "absolute", shared="transition")
-    ] = 45.0
+    martensite_start: Annotated[_Celsius, VariesWith("transition"), _TRANSITION] = 45.0
     """Temperature Ms at which martensite begins to form [C]; the paper does not give it."""
-    martensite_finish: Annotated[
-        _Celsius, VariesWith("transition"), Tolerance(1.0, "absolute", shared="transition")
-    ] = 30.0
+    martensite_finish: Annotated[_Celsius, VariesWith("transition"), _TRANSITION] = 30.0
     """Temperature Mf at which all is martensite [C]."""
     cold_length: Annotated[
         PositiveFloat,
