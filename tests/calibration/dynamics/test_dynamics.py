@@ -19,7 +19,8 @@ from eldir.built.samples import IdentifiedRobots, sample_walks
 from eldir.built.scene import IdentifiedModel, ModelNumbers, PrintedScene
 from eldir.built.walking import displacements
 from eldir.errors import InputError
-from eldir.parameters.robot import FOOT_SPREAD, QUANTITIES, STRIP_SPREAD, contrasts, part_names, perturb_robot
+from eldir.parameters.printed import STRIP_SPREAD
+from eldir.parameters.robot import FOOT_SPREAD, QUANTITIES, contrasts, part_names, perturb_robot
 from eldir.parameters.uncertain import PARAMETERS
 from eldir.trajectory import Trajectory
 from eldir_calibration.dynamics._fits import (
