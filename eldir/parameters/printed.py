@@ -32,9 +32,9 @@ _Stiffness = Annotated[
 """Stiffness of a shape-memory spring, cold or hot."""
 _SAMPLED_FIRST = (
     "tension", "buckling", "socket_friction", "strip_damping", "active_damping", "drag", "hexagon",
-    "half_connector", "strip", "active_spring", "cold_stiffness", "friction",
+    "half_connector", "strip", "active_spring", "cold_stiffness", "friction", "bending",
 )  # fmt: skip
-"""Fields in the order in which former versions sampled them; new fields come after these by themselves."""
+"""Fields in the order in which former versions sampled them; new fields come after them, by themselves."""
 Joints = Literal["pins", "clamped", "hubs"]
 """Pins at the masses; hexagons that clamp the strips; or hubs with sockets and corners."""
 

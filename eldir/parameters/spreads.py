@@ -107,12 +107,13 @@ def field_annotations(kind: type, wanted: type[_Annotation]) -> tuple[tuple[str,
 
 
 def vary(part: Any, rng: np.random.Generator, first: Sequence[str] = ()) -> dict[str, Any]:
-    """Random values within the tolerances of a record, by field. Fields are sampled in their order, those in
-    `first` before the others, and what depends on the joints last."""
+    """Random values within the tolerances of a record, by field. Those of the fields in `first` are sampled in
+    this order, what depends on the joints last; then those of all others in the order of the record."""
 
-    def rank(entry: tuple[str, Tolerance]) -> tuple[bool, int]:
+    def rank(entry: tuple[str, Tolerance]) -> tuple[bool, bool, int]:
         name, tolerance = entry
-        return bool(tolerance.joints), first.index(name) if name in first else len(first)
+        known = name in first
+        return not known, bool(tolerance.joints), first.index(name) if known else 0
 
     kind: type = type(part)
     changes: dict[object, float] = {}
