@@ -23,7 +23,7 @@ from pydantic import Field, NonNegativeFloat, PositiveFloat
 
 from eldir.core.arguments import require_value
 from eldir.core.records import FloatArray, Record, record
-from eldir.parameters.spreads import LargeSpread, Prior, Tolerance, VariesWith, vary
+from eldir.parameters.annotations import LargeSpread, Prior, Tolerance, VariesWith, vary
 
 _MODULUS_RATIO = 0.376
 """Shear modulus over Young's modulus, 1 / 2 (1 + 0.33)."""

@@ -19,17 +19,15 @@ from tests.raised import raises
 INTERVAL = 0.005
 OF_BUILD = {field.name for field in fields(BuiltParameters)}
 FREE = {"cold_length": 0, "hot_length": 1}
-OF_HUBS = {"socket", "corner", "socket_turn", "socket_friction"}
-# The lag has a test of its own. Pinned strips buckle here and others bend; pinned masses do not turn.
-NO_EFFECT = {
-    "pins": {"lag", "bending", "gyration"} | OF_HUBS,
-    "clamped": {"lag", "buckling"} | OF_HUBS,
-    "hubs": {"lag", "buckling"},
-}
 KINDS = {
     "pins": BuiltParameters(),
     "clamped": BuiltParameters.clamped(),
     "hubs": BuiltParameters().with_hubs(),
+}
+# The lag has a test of its own. Pinned strips buckle here and others bend; pinned masses do not turn.
+HERE = {"pins": {"lag", "gyration"}, "clamped": {"lag", "buckling"}, "hubs": {"lag", "buckling"}}
+NO_EFFECT = {
+    joints: HERE[joints] | {name for name in OF_BUILD if not p.acts(name)} for joints, p in KINDS.items()
 }
 
 
@@ -74,6 +72,18 @@ def differences(base: DriveInputs, seed: int, name: str, step: float) -> tuple[n
     best = (4 * tangents[1::2] - tangents[::2]) / 3
     errors_ = np.abs(best - tangents[1::2]).max(axis=(1, 2, 3)) / np.abs(best).max(axis=(1, 2, 3))
     return best[errors_.argmin()], float(errors_.min())
+
+
+@pytest.mark.parametrize("joints", KINDS)
+def test_what_does_not_act_with_these_joints_moves_nothing(joints: str) -> None:
+    p = KINDS[joints]
+    idle = {name for name in OF_BUILD if not p.acts(name)} - {"socket", "bending"}  # which make other joints
+    assert {"corner", "socket_turn", "socket_friction"} <= idle or (joints == "hubs" and not idle)
+    base = drives(p, 7)
+    other = replace(p, **{name: getattr(p, name) + 0.3 for name in idle})
+    changed_robot = replace(base, robot=build(bodies(1, 7)[0], other))
+    step = 0.8 * stable_step(base.robot)
+    assert other.joints == joints and np.array_equal(moved(base, step), moved(changed_robot, step))
 
 
 @pytest.mark.parametrize("joints", KINDS)

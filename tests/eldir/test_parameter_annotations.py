@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from eldir.core.records import Record, record
+from eldir.parameters.annotations import Prior, Tolerance, VariesWith, vary
 from eldir.parameters.printed import BuiltParameters
-from eldir.parameters.spreads import Prior, Tolerance, VariesWith, vary
 from eldir.parameters.springs import SpringParameters
 from eldir.parameters.uncertain import read_parameters
 
