@@ -104,7 +104,7 @@ def test_tangents_are_those_of_the_motion(joints: str) -> None:
         expected, error_ = differences(base, seed, name, step)
         errors[name] = (float(np.abs(tangent - expected).max() / np.abs(expected).max()), error_)
     assert all(error < max(1e-6, 10 * own) for error, own in errors.values()), errors
-    assert max(own for _, own in errors.values()) < 2e-6, errors  # the differences are rounded
+    assert max(own for _, own in errors.values()) < 5e-6, errors  # the differences are rounded
     assert np.median([error for error, _ in errors.values()]) < 2e-7
 
 
