@@ -31,8 +31,7 @@ from eldir_calibration.dynamics._fits import (
 )
 from eldir_calibration.dynamics._model_check import ModelCheck, check_model, track_noise
 from eldir_calibration.dynamics._model_search import CandidateModel
-from eldir_calibration.dynamics._problem import Linearisation, Problem
-from eldir_calibration.dynamics._residuals import Residual, compute_residual
+from eldir_calibration.dynamics._problem import Linearisation, Problem, Residual, compute_residual
 from eldir_calibration.dynamics.configuration import DEFAULT_CONFIG
 from eldir_calibration.dynamics.recording import (
     Recording,
