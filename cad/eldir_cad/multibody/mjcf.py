@@ -232,8 +232,8 @@ def _add_terrain(
 
 
 def _prism_edges(terrain: Terrain, robot: FloatArray) -> FloatArray:
-    """Where prisms begin and end [m], wherever the terrain's own segments lie: its first and its last one have
-    no end. `robot`: positions of the hubs along the ground."""
+    """Where prisms begin and end [m], wherever the terrain's own segments lie: its first and its last one
+    have no end. `robot`: positions of the hubs along the ground."""
     first, last = robot.min() - _REACH, robot.max() + _REACH
     corners = terrain.x0[1:]
     ends = np.concatenate([[first], corners[(corners > first) & (corners < last)], [last]])
