@@ -280,11 +280,11 @@ def _add_hub(world: Element, model: Multibody, number: int, hub: Hub, has_mesh: 
     name, inertia = hub_name(number), hub.inertia
     at = [hub.position[0], 0.0, hub.position[1] + model.corner + model.lift]
     body = add_element(world, "body", name=name, pos=format_numbers(at))
-    drag = format_numbers([inertia.mass * model.drag])
+    drag = format_numbers([inertia.mass * model.parameters.drag])
     add_element(body, "joint", name=f"{name}_x", type="slide", axis="1 0 0", damping=drag)
     add_element(body, "joint", name=f"{name}_z", type="slide", axis="0 0 1", damping=drag)
     if model.max_rotation is not None:
-        rotational_drag = format_numbers([_inertia_about_centre(inertia) * model.drag])
+        rotational_drag = format_numbers([_inertia_about_centre(inertia) * model.parameters.drag])
         joint = {"type": "hinge", "axis": "0 -1 0", "damping": rotational_drag}
         add_element(body, "joint", name=f"{name}_turn", **joint)
     t = inertia.tensor

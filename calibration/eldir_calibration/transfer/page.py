@@ -24,9 +24,9 @@ from eldir_calibration.transfer.compared_walks import (
     ComparedWalk,
     SimulationExtent,
     TransferConfig,
+    WalkFault,
     WalkingDesign,
 )
-from eldir_calibration.transfer.mujoco_walks import WalkFault
 from eldir_calibration.transfer.verdict import (
     GOALS,
     ExplainedWalk,

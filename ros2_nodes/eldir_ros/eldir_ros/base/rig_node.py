@@ -22,8 +22,7 @@ from rclpy.qos import QoSProfile
 from rclpy.timer import Timer
 
 from eldir.errors import EldirError
-from eldir_ros.base.message_types import COMPLETE, LATCHED, message_class, new_message
-from eldir_ros.base.node_parameters import declare_flag, get_value
+from eldir_ros.base.interfaces import COMPLETE, LATCHED, declare_flag, get_value, message_class, new_message
 from eldir_ros.remote.heartbeats import PERIOD, Heartbeats
 
 _SHUTDOWN_TIMEOUT = 8.0  # until everything is off [s]

@@ -22,8 +22,11 @@ from eldir_hardware.rig.addresses import is_camera
 from eldir_hardware.run.filming import RobotCamera
 from eldir_hardware.vision.recording_setup import load_recorded_lens
 from eldir_hardware.vision.sources import timed_pictures
-from eldir_ros.base.message_types import ALL_PICTURES, LATCHED, NEWEST, RELIABLE, message_class, new_message
-from eldir_ros.base.node_parameters import (
+from eldir_ros.base.interfaces import (
+    ALL_PICTURES,
+    LATCHED,
+    NEWEST,
+    RELIABLE,
     declare_number,
     declare_text,
     declare_texts,
@@ -31,6 +34,8 @@ from eldir_ros.base.node_parameters import (
     frame_name,
     get_file,
     get_value,
+    message_class,
+    new_message,
 )
 from eldir_ros.base.rig_node import RigNode
 from eldir_ros.base.spinning import spin

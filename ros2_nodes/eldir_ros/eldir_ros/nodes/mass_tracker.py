@@ -18,7 +18,7 @@ from eldir.core.records import FloatArray
 from eldir.design import Design
 from eldir_hardware.camera.plane import Plane, TagBoard, estimate_camera_pose
 from eldir_hardware.markers.registration import DEFAULT_KIND
-from eldir_hardware.vision.live_tracking import LiveOverlay, LiveTracker
+from eldir_hardware.vision.pipeline import LiveOverlay, LiveTracker
 from eldir_hardware.vision.recording_setup import (
     find_recorded_plane,
     marker_layout,
@@ -27,16 +27,12 @@ from eldir_hardware.vision.recording_setup import (
     read_marker_kind,
 )
 from eldir_hardware.vision.sources import LoggedFrames, open_source
-from eldir_ros.base.message_types import (
+from eldir_ros.base.interfaces import (
     COMPLETE,
     LATCHED,
     NEWEST,
     RELIABLE,
     STATIC,
-    message_class,
-    new_message,
-)
-from eldir_ros.base.node_parameters import (
     declare_number,
     declare_pictures,
     declare_text,
@@ -44,6 +40,8 @@ from eldir_ros.base.node_parameters import (
     frame_name,
     get_file,
     get_value,
+    message_class,
+    new_message,
 )
 from eldir_ros.base.rig_node import RigNode
 from eldir_ros.base.spinning import spin
@@ -51,7 +49,7 @@ from eldir_ros.conversions import frames, marks, nanoseconds, pictures, runs
 
 
 class MassTrackerNode(RigNode):
-    """Publishes the tracks that `eldir_hardware.vision.live_tracking.LiveTracker` finds in the pictures."""
+    """Publishes the tracks that `eldir_hardware.vision.pipeline.LiveTracker` finds in the pictures."""
 
     def __init__(self, **options: Any):
         super().__init__("mass_tracker", **options)

@@ -22,13 +22,21 @@ from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.devices import open_board
 from eldir_hardware.safety.latch import LatchedError, latch, read_stop, require_proven_open, require_unlatched
 from eldir_hardware.safety.spring_memory import reset_stop
-from eldir_ros.base.message_types import COMPLETE, LATCHED, RELIABLE, message_class, new_message
-from eldir_ros.base.node_parameters import declare_text, get_file, get_value
+from eldir_ros.base.interfaces import (
+    COMPLETE,
+    LATCHED,
+    RELIABLE,
+    declare_text,
+    get_file,
+    get_value,
+    message_class,
+    new_message,
+)
 from eldir_ros.base.rig_node import STOP, RigNode
 from eldir_ros.base.spinning import spin
 from eldir_ros.conversions import board as convert
 from eldir_ros.conversions import runs
-from eldir_ros.remote.obeyed_commands import ObeyedCommands
+from eldir_ros.remote.remote_bank import ObeyedCommands
 
 _KEEPALIVE_INTERVAL = 0.05  # of messages to the guardian [s]
 

@@ -24,8 +24,15 @@ from eldir_hardware.rig.sections import VirtualCameraEntry
 from eldir_hardware.safety.latch import unlatch
 from eldir_hardware.virtual.bodies import BodyProcess
 from eldir_hardware.virtual.rig import BodyFrame, VirtualRig
-from eldir_ros.base.message_types import RELIABLE, message_class, new_message
-from eldir_ros.base.node_parameters import declare_text, find_file, frame_name, get_file
+from eldir_ros.base.interfaces import (
+    RELIABLE,
+    declare_text,
+    find_file,
+    frame_name,
+    get_file,
+    message_class,
+    new_message,
+)
 from eldir_ros.base.spinning import spin
 from eldir_ros.conversions import marks
 
