@@ -115,7 +115,8 @@ class Sensitivity(Record):
     """Derivatives of the positions [m per unit of the parameter], shape (P, T, M, 2); NaN from the same
     interval."""
     state: FloatArray
-    """State at the end, from which a further motion can continue, shape (4 or 7, M)."""
+    """State at the end, from which a further motion can continue (`PrintedMotion.state`), shape (4 or 7,
+    M)."""
     state_tangents: FloatArray
     """Derivatives of `state`, shape (P, 4 or 7, M)."""
     status: int
