@@ -33,9 +33,8 @@ from eldir.evolution.search import EvolutionConfig
 from eldir.lattice import Lattice
 from eldir.trajectory import Trajectory
 from eldir_cad.kit import PRINTER
-from eldir_cad.kit.dimensions import kit_file
 from eldir_cad.kit.printer import load_printer
-from eldir_cad.kit.specification import load_specification
+from eldir_cad.kit.specification import kit_file, load_specification
 from eldir_cad.packet.wiring_file import read_wiring
 from eldir_calibration.identification.spring_record import load_spring_recording
 from eldir_hardware.camera.lens import Lens
