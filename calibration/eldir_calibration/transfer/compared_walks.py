@@ -175,7 +175,7 @@ def compare_walks(
         progress(f"predicting {one.file}", 0)
         gaits = [one.gait, *shift_phases(one.gait, settings.phases)]
         robot = RobotParameters(BuiltParameters().with_hubs(), settings.springs)
-        robots = NominalRobots(body, robot, one.design.ballast / 2)
+        robots = NominalRobots(body, robot, one.design.ballast / 2, one.design.printed_terrain)
         predicted = sample_walks(robots, gaits, settings.samples, settings.seed)
         progress(f"MuJoCo: {one.file}", 1)
         seeds = robot_seeds(number, settings)

@@ -53,7 +53,8 @@ def walk_sampled_robot(
     Robot, feet, slope of the table and each spring deviate by the seed. `springs`: their mean. `cycles` are
     counted, after one that is not. Once `cancelled` is set it gives up.
     """
-    model = replace(sample_multibody(design.morphology, seed, design.ballast), numerics=FINE_NUMERICS)
+    sample = sample_multibody(design.morphology, seed, design.ballast, terrain=design.printed_terrain)
+    model = replace(sample, numerics=FINE_NUMERICS)
     heating = sample_heating(gait, seed, springs, cycles, design.morphology.motor_hubs)
     return measure_walk(model, design.morphology, heating, cycles, springs, cancelled)
 

@@ -136,7 +136,16 @@ def _open_body(
 ) -> Iterator[DrivenBody]:
     from eldir_hardware.virtual.bodies import BodyProcess, virtual_body
 
-    given = (rig.virtual.physics, design.morphology, rig.virtual.seed, springs, design.ballast, printed)
+    virtual = rig.virtual
+    given = (
+        virtual.physics,
+        design.morphology,
+        virtual.seed,
+        springs,
+        design.ballast,
+        printed,
+        design.printed_terrain,
+    )
     if rig.virtual.clock == "virtual":
         yield virtual_body(*given)
         return
