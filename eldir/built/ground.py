@@ -18,6 +18,10 @@ MAX_SLOPE = 20.0
 MIN_SEGMENT = 1e-4
 """Shortest segment [m], so that a mass does not cross two of them in one step."""
 
+PLATE_THICKNESS = 0.012
+"""Thickness of a printed ground where it is lowest [m]."""
+_BEHIND, _AHEAD = 0.5, 2.5  # of printed ground, behind and ahead of the robot [body lengths]
+
 
 def check_terrain(terrain: Terrain) -> None:
     """Raise `InputError` for segments that are too steep or too short."""
@@ -61,3 +65,20 @@ def heights(positions: FloatArray, terrain: Terrain | None) -> FloatArray:
     """Height of each mass over the ground under it [m], shape (T, M); `positions`: [m], shape (T, M, 2)."""
     over = positions[..., 1]
     return over if terrain is None else over - terrain.height(positions[..., 0])
+
+
+def printed_range(positions: FloatArray) -> tuple[float, float]:
+    """From where to where the ground under a robot is printed [m]; `positions`: its masses as assembled [m],
+    shape (M, 2)."""
+    left, right = float(positions[:, 0].min()), float(positions[:, 0].max())
+    length = right - left
+    return left - _BEHIND * length, right + _AHEAD * length
+
+
+def on_table(terrain: Terrain, positions: FloatArray) -> Terrain:
+    """The terrain at the height at which its printed ground lies on the table y = 0: where it is lowest, it
+    is `PLATE_THICKNESS` high."""
+    first, last = printed_range(positions)
+    x = np.array([first, *terrain.x0[(first < terrain.x0) & (terrain.x0 < last)], last])
+    lift = PLATE_THICKNESS - terrain.height(x).min()
+    return Terrain(terrain.x0.copy(), terrain.slope.copy(), terrain.intercept + lift)

@@ -6,7 +6,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from eldir.parameters.wiring import Wiring
 from eldir_cad.checks.contacts import Lead
 from eldir_cad.checks.violations import BuildReport
 from eldir_cad.geometry.assembly import Assembly, assemble, smallest_gap
+from eldir_cad.geometry.ground import Ground, make_ground
 from eldir_cad.geometry.inspection import Inspection, inspect, require_printable
 from eldir_cad.geometry.parts import holder
 from eldir_cad.geometry.plates import Plate, nest
@@ -41,6 +42,9 @@ class Content:
     variant: Variant
     filling: float
     """Weight of the shot in each ballast holder [g]."""
+    ground: Ground | None
+    """The ground under the robot; None: a table."""
+    ground_plates: list[Plate]
 
 
 def make_content(
@@ -74,7 +78,42 @@ def make_content(
             remedy="check the dimensions in the specification",
         )
     plates = nest(assembly.parts, assembly.counts, printer)
-    return Content(built, assembly, inspections, gap, plates, report, spec, printer, variant, filling)
+    ground = _make_ground(built, assembly, spec, printer)
+    ground_plates = [] if ground is None else _nest_ground(ground, printer)
+    return Content(
+        built,
+        assembly,
+        inspections,
+        gap,
+        plates,
+        report,
+        spec,
+        printer,
+        variant,
+        filling,
+        ground,
+        ground_plates,
+    )
+
+
+def _make_ground(built: Design, assembly: Assembly, spec: Specification, printer: Printer) -> Ground | None:
+    if built.printed_terrain is None:
+        return None
+    across = [
+        float((assembly.parts[p.part].mesh.bounds @ np.asarray(p.rotation).T)[i, 2] + p.translation[2])
+        for p in assembly.placements
+        for i in range(2)
+    ]
+    positions = 1e-3 * assembly.centres
+    depth = max(across) - min(across)
+    return make_ground(built.printed_terrain, positions, depth, spec.clearance, printer)
+
+
+def _nest_ground(ground: Ground, printer: Printer) -> list[Plate]:
+    """Plates of their own: a robot is printed without its ground too."""
+    parts = {piece.part.name: piece.part for piece in ground.pieces}
+    plates = nest(parts, dict.fromkeys(parts, 1), printer)
+    return [replace(plate, name=f"ground_{plate.name}") for plate in plates]
 
 
 def bill_of_materials(c: Content) -> str:
@@ -86,6 +125,10 @@ def bill_of_materials(c: Content) -> str:
         size = [f"{part.volume:.1f}", f"{part.volume * density:.3f}"]
         printing = [part.pose, c.inspections[name].supports]
         rows.append([name, part.purpose, count, *size, f"{name}.stl", *printing])
+    for piece in () if c.ground is None else c.ground.pieces:
+        part = piece.part
+        size = [f"{part.volume:.1f}", f"{part.volume * density:.3f}"]
+        rows.append([part.name, part.purpose, 1, *size, f"{part.name}.stl", part.pose, "none"])
     coil = c.spec.coil
     purchased: list[tuple[str, str, int]] = [
         (

@@ -6,9 +6,9 @@ import hashlib
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import Field, NonNegativeInt, PositiveFloat, PositiveInt
+from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
 
-from eldir.core.records import FileRecord, Record, record
+from eldir.core.records import OMITTED, FileRecord, Record, record
 from eldir.core.version import __version__
 from eldir.design import Variant
 from eldir.parameters.wiring import Connection, Wiring, wiring_digest
@@ -47,6 +47,20 @@ class PartNumbers(Inspection, _PartTotals):  # in the file, the fields of the la
 
 
 @record
+class GroundNumbers(_PartTotals):
+    """A piece of the printed ground."""
+
+    start_mm: float
+    """Where it begins, from the robot's rearmost mass at the start [mm]."""
+    end_mm: float
+    """Where it ends [mm]."""
+    height_mm: PositiveFloat
+    """Height of the piece [mm]."""
+    block_mm: NonNegativeFloat
+    """Height of the block that it stands on [mm]; 0: on the table."""
+
+
+@record
 class Totals(Record):
     """Sums over all pieces."""
 
@@ -77,6 +91,7 @@ class Manifest(FileRecord):
     """Contents of a build packet."""
 
     FORMAT = "eldir-packet/1"
+    OPTIONAL = frozenset({"ground"})
 
     version: str
     """Version of eldir that wrote the file."""
@@ -98,6 +113,9 @@ class Manifest(FileRecord):
     """Smallest distance between placed parts."""
     build_report: BuildReport
     """Findings of the build filter."""
+    ground: Annotated[dict[str, GroundNumbers] | None, OMITTED]
+    """Each piece of the ground under the robot, from the rear; not among `parts` and `totals`, which are the
+    robot's. Left out for a robot on a table."""
     files: dict[str, Digest]
     """SHA-256 of every other file of the packet, by its path."""
 
@@ -131,5 +149,19 @@ class Manifest(FileRecord):
             ),
             Clearance(round(c.spec.clearance, 6), round(c.gap[0], 4), c.gap[1:]),
             c.report,
+            None
+            if c.ground is None
+            else {
+                piece.part.name: GroundNumbers(
+                    count=1,
+                    volume_mm3=round(piece.part.volume, 3),
+                    weight_g=round(piece.part.volume * density, 4),
+                    start_mm=round(piece.start, 3),
+                    end_mm=round(piece.end, 3),
+                    height_mm=round(piece.height, 3),
+                    block_mm=piece.block,
+                )
+                for piece in c.ground.pieces
+            },
             {p.relative_to(folder).as_posix(): hashlib.sha256(p.read_bytes()).hexdigest() for p in files},
         )
