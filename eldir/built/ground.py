@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from eldir.built.robot import PrintedRobot, rest_state
+from eldir.built.robot import PrintedRobot, build, rest_state
 from eldir.core.arguments import require_value
 from eldir.core.records import FloatArray
+from eldir.design import Design
 from eldir.terrain import Terrain
 
 MAX_SLOPE = 20.0
@@ -34,6 +35,14 @@ def check_terrain(terrain: Terrain) -> None:
     require_value("terrain", shortest >= MIN_SEGMENT * (1 - 1e-9), expected, f"{shortest * 1e3:g} mm")
     jump = np.abs(_steps(terrain)).max(initial=0.0)
     require_value("terrain", jump < 1e-9, "segments that meet", f"a jump of {jump * 1e3:g} mm")
+
+
+def surface_line(terrain: Terrain, positions: FloatArray, corner: float) -> FloatArray:
+    """Corners of the surface of the printed ground under a robot with masses at `positions` [m], shape
+    (M, 2): x and height [m], shape (K, 2). It is `corner` below the centre of a mass that stands [m]."""
+    first, last = printed_range(positions)
+    x = np.array([first, *terrain.x0[(first < terrain.x0) & (terrain.x0 < last)], last])
+    return np.stack([x, terrain.height(x) - corner], axis=1)
 
 
 def _steps(terrain: Terrain) -> FloatArray:
@@ -78,7 +87,12 @@ def printed_range(positions: FloatArray) -> tuple[float, float]:
 def on_table(terrain: Terrain, positions: FloatArray) -> Terrain:
     """The terrain at the height at which its printed ground lies on the table y = 0: where it is lowest, it
     is `PLATE_THICKNESS` high."""
-    first, last = printed_range(positions)
-    x = np.array([first, *terrain.x0[(first < terrain.x0) & (terrain.x0 < last)], last])
-    lift = PLATE_THICKNESS - terrain.height(x).min()
+    lift = PLATE_THICKNESS - float(surface_line(terrain, positions, 0.0)[:, 1].min())
     return Terrain(terrain.x0.copy(), terrain.slope.copy(), terrain.intercept + lift)
+
+
+def lay_on_table(design: Design) -> Terrain | None:
+    """The terrain of a design, `on_table`; None: a table."""
+    if design.printed_terrain is None:
+        return None
+    return on_table(design.printed_terrain, build(design.morphology).positions)

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from eldir.built.ground import lay_on_table
 from eldir.core.records import FloatArray, IntArray
 from eldir.design import Design
 from eldir.parameters.printed import BuiltParameters
@@ -110,7 +111,7 @@ def _open_virtual(
         printed, springs = far.printed, far.springs
     entry = rig.camera if isinstance(rig.camera, VirtualCameraEntry) else None
     with _open_body(rig, design, springs, printed) as body, VirtualRig(rig, body, springs) as virtual:
-        camera = None if entry is None else virtual_camera(rig, entry, body, schedule)
+        camera = None if entry is None else virtual_camera(rig, entry, body, schedule, lay_on_table(design))
 
         @contextmanager
         def filming(log: FilmLog) -> Iterator[Callable[[float], None]]:
@@ -136,7 +137,7 @@ def _open_body(
 ) -> Iterator[DrivenBody]:
     from eldir_hardware.virtual.bodies import BodyProcess, virtual_body
 
-    virtual = rig.virtual
+    virtual, terrain = rig.virtual, lay_on_table(design)
     given = (
         virtual.physics,
         design.morphology,
@@ -144,7 +145,7 @@ def _open_body(
         springs,
         design.ballast,
         printed,
-        design.printed_terrain,
+        terrain,
     )
     if rig.virtual.clock == "virtual":
         yield virtual_body(*given)
