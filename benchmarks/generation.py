@@ -68,7 +68,12 @@ def measure(robots: int, shard: int) -> dict[str, tuple[float, float]]:
                 learned += pass_by_the_kernel(born.take(np.arange(first, min(first + shard, robots))))
             losses = -0.01 * rng.random((robots, config.iterations + 1))
             with part("selection"):
-                evaluated = search.tell(born, SimpleNamespace(losses=losses, controllers=learned))
+                unflagged = np.zeros(robots, int)
+                outcome = SimpleNamespace(
+                    losses=losses, controllers=learned,
+                    chaotic_updates=unflagged, rounded_updates=unflagged,
+                )  # fmt: skip
+                evaluated = search.tell(born, outcome)
             with part("tables"):
                 run.save(search, evaluated)
     return spent

@@ -54,6 +54,16 @@ class LearningResult(Record):
     rounded: BoolArray
     """For each loss, whether rounding may dominate its gradient (`eldir.engine.validity.is_rounded`)."""
 
+    @property
+    def chaotic_updates(self) -> IntArray:
+        """Updates of each robot whose gradient chaos dominates, shape (n,)."""
+        return self.chaotic.sum(axis=1)
+
+    @property
+    def rounded_updates(self) -> IntArray:
+        """Updates of each robot whose gradient rounding may dominate, shape (n,)."""
+        return self.rounded.sum(axis=1)
+
 
 def learn(
     morphologies: Sequence[Morphology],

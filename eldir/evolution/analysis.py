@@ -15,6 +15,7 @@ from eldir.core.records import FloatArray
 from eldir.evolution import figures
 from eldir.evolution.history import EvaluatedRobots, RunHistory, Trend, read_history
 from eldir.evolution.run_folder import RunFolder
+from eldir.evolution.status import describe_flags
 from eldir.learning import learning_paths
 from eldir.morphology import develop
 
@@ -79,6 +80,7 @@ def write_analysis(
     total = (int(history.trend.evaluated.sum()), int(history.trend.discarded.sum()))
     page = page_templates("eldir.evolution").get_template("analysis.html").render(
         run=run, history=history, tables=tables, paper=PAPER, total=total,
+        flagged=describe_flags(history.trend.chaotic[-1], history.trend.rounded[-1]),
         figures={name: caption for name, (caption, _) in drawn.items()},
     )  # fmt: skip
     numbers = _csv_tables(history, zoo, paths, tables, (rho, p))

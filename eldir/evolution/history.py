@@ -12,6 +12,7 @@ import numpy as np
 
 from eldir.core.records import BoolArray, FloatArray, IntArray
 from eldir.errors import InputError
+from eldir.evolution.population import flagged_share
 from eldir.evolution.run_folder import RunFolder, load_generation
 from eldir.genotype import Genotype
 
@@ -38,6 +39,10 @@ class EvaluatedRobots:
     """Number of springs, shape (N,)."""
     active: FloatArray
     """Share of the springs that are motors, shape (N,)."""
+    chaotic: IntArray
+    """Updates whose gradient chaos dominates (`eldir.engine.validity`), shape (N,); -1: not known."""
+    rounded: IntArray
+    """Updates whose gradient rounding may dominate, shape (N,); -1: not known."""
 
     def take(self, index: IntArray | BoolArray) -> EvaluatedRobots:
         """The robots with these indices, or where the mask is true."""
@@ -76,6 +81,10 @@ class Trend:
     """Robots that learned in the generation."""
     discarded: FloatArray
     """Number of unstable ones among them."""
+    chaotic: FloatArray
+    """Share of the updates whose gradient chaos dominates; NaN where an older version trained all robots."""
+    rounded: FloatArray
+    """Share of the updates whose gradient rounding may dominate; NaN likewise."""
 
 
 @dataclass(frozen=True)
@@ -118,7 +127,8 @@ def read_history(run: RunFolder, progress: Callable[[int], None] = lambda done: 
             origin[int(alive.ids[i])] = alive.take(np.array([i]))
         if generation == 0:
             first = alive
-        rows.append(_trend_row(alive, len(sound), int((~sound).sum())))
+        flagged = [flagged_share(one, run.config.iterations) for one in (alive.chaotic, alive.rounded)]
+        rows.append((*_trend_row(alive, len(sound), int((~sound).sum())), *flagged))
         progress(generation + 1)
     assert alive is not None
     trend = Trend(*np.array(rows).T)
@@ -137,7 +147,7 @@ def _load_evaluated(run: RunFolder, generation: int) -> tuple[EvaluatedRobots, B
     active = (expressed & kept["springs"]).sum(axis=1) / sizes
     robots = EvaluatedRobots(
         kept["id"], kept["parents"], kept["seed"], kept["triangles"], kept["springs"],
-        -losses[:, 0], fitness, sizes, active,
+        -losses[:, 0], fitness, sizes, active, kept["chaotic_updates"], kept["rounded_updates"],
     )  # fmt: skip
     return robots, sound, kept["walk"] != -np.inf
 

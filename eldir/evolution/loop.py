@@ -13,7 +13,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, Self
 
 import numpy as np
 
@@ -79,7 +79,14 @@ class _GenerationOutcome:
 
     losses: FloatArray
     """Losses [m], shape (n, iterations + 1)."""
+    chaotic_updates: IntArray
+    rounded_updates: IntArray
     trained: dict[int, Controller] = field(default_factory=dict)
+
+    @classmethod
+    def unknown(cls, n: int, iterations: int) -> Self:
+        """Of a generation of n robots, none of which has learned."""
+        return cls(np.zeros((n, iterations + 1)), np.full(n, -1), np.full(n, -1))
 
     @property
     def missing(self) -> IntArray:
@@ -91,8 +98,16 @@ class _GenerationOutcome:
         """The controllers of all robots, in order."""
         return [self.trained[i] for i in range(len(self.losses))]
 
-    def add(self, index: IntArray, losses: FloatArray, controllers: Sequence[Controller]) -> None:
+    def add(
+        self,
+        index: IntArray,
+        losses: FloatArray,
+        controllers: Sequence[Controller],
+        chaotic: IntArray,
+        rounded: IntArray,
+    ) -> None:
         self.losses[index] = losses
+        self.chaotic_updates[index], self.rounded_updates[index] = chaotic, rounded
         self.trained.update(zip(index.tolist(), controllers, strict=True))
 
 
@@ -227,20 +242,20 @@ def _generation(
 ) -> _GenerationOutcome | None:
     """The outcomes of all robots of a generation, or None if it was stopped before the last one."""
     n = len(robots.ids)
-    known = _GenerationOutcome(np.zeros((n, run.config.iterations + 1)))
+    known = _GenerationOutcome.unknown(n, run.config.iterations)
     for path in run.parts(search.generation):
-        ids, losses, controllers = tables.read_outcome(path)
+        ids, losses, controllers, chaotic, rounded = tables.read_outcome(path)
         index = ids - robots.ids[0]
         if not (index.min() >= 0 and index.max() < n and losses.shape[1] == known.losses.shape[1]):
-            others = InputError("robots of another generation")
-            raise tables.damaged(path, "robots of this generation", others)
-        known.add(index, losses, controllers)
+            error = InputError("robots of another generation")
+            raise tables.damaged(path, "robots of this generation", error)
+        known.add(index, losses, controllers, chaotic, rounded)
     progress(len(known.trained))
     size = trainer.robots_at_once(len(known.missing))
-    for shard, outcome in trainer(_shards(search, robots, known.missing, size)):
-        known.add(shard.index, outcome.losses, outcome.controllers)
+    for shard, o in trainer(_shards(search, robots, known.missing, size)):
+        known.add(shard.index, o.losses, o.controllers, o.chaotic_updates, o.rounded_updates)
         if len(known.trained) < n:  # the last shard is saved with its generation
-            run.save_part(search.generation, robots.ids[shard.index], outcome.losses, outcome.controllers)
+            run.save_part(search.generation, robots.ids[shard.index], o)
         progress(len(known.trained))
         if len(known.trained) < n and stopped():
             return None

@@ -57,6 +57,11 @@ class LearnedRobots(Record):
     walks: FloatArray = field(default_factory=lambda: np.zeros(0))
     """Walk as built, in body lengths per five cycles, shape (N,); empty if no robot was simulated as built.
     NaN: not simulated; minus infinity: fell or folded."""
+    chaotic_updates: IntArray = field(default_factory=lambda: np.zeros(0, int))
+    """Updates of each robot whose gradient chaos dominates (`eldir.engine.validity`), shape (N,). -1: not
+    known, because an older version trained it; so for all if empty."""
+    rounded_updates: IntArray = field(default_factory=lambda: np.zeros(0, int))
+    """Updates of each robot whose gradient rounding may dominate, shape (N,); -1: not known."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "controllers", tuple(self.controllers))
@@ -65,6 +70,10 @@ class LearnedRobots(Record):
         if not len(self.walks):
             object.__setattr__(self, "walks", np.full(n, np.nan))
         self._set_array("walks", np.float64, (n,))
+        for name in ("chaotic_updates", "rounded_updates"):
+            if not len(getattr(self, name)):
+                object.__setattr__(self, name, np.full(n, -1))
+            self._set_array(name, np.int32, (n,))
         require_count("controllers", len(self.controllers), len(self.losses))
 
     def fitness(self) -> FloatArray:
@@ -74,7 +83,14 @@ class LearnedRobots(Record):
     def take(self, index: IntArray) -> LearnedRobots:
         """The robots with these indices, in this order."""
         trained = tuple(self.controllers[i] for i in index)
-        return LearnedRobots(self.robots.take(index), self.losses[index], trained, self.walks[index])
+        return LearnedRobots(
+            self.robots.take(index),
+            self.losses[index],
+            trained,
+            self.walks[index],
+            self.chaotic_updates[index],
+            self.rounded_updates[index],
+        )
 
     def join(self, other: LearnedRobots) -> LearnedRobots:
         """These robots, then the others."""
@@ -87,7 +103,10 @@ class LearnedRobots(Record):
             robots,
             np.concatenate([self.losses, other.losses]),
             self.controllers + other.controllers,
-            np.concatenate([self.walks, other.walks]),
+            *(
+                np.concatenate([getattr(self, k), getattr(other, k)])
+                for k in ("walks", "chaotic_updates", "rounded_updates")
+            ),
         )
 
 
@@ -101,6 +120,21 @@ class LearningOutcome(Protocol):
     @property
     def controllers(self) -> Sequence[Controller]:
         """The controller with the least loss of each robot."""
+
+    @property
+    def chaotic_updates(self) -> IntArray:
+        """Updates of each robot whose gradient chaos dominates, shape (N,)."""
+
+    @property
+    def rounded_updates(self) -> IntArray:
+        """Updates of each robot whose gradient rounding may dominate, shape (N,)."""
+
+
+def flagged_share(updates: IntArray, iterations: int) -> float:
+    """Share of the updates of some robots that have a flag, of which `updates` has the number for each robot.
+    NaN where it is known of none."""
+    known = updates[updates >= 0]
+    return float(known.mean()) / iterations if len(known) else float("nan")
 
 
 def is_valid(losses: FloatArray, jump_threshold: float) -> BoolArray:

@@ -16,7 +16,7 @@ import fcntl
 import logging
 import re
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -24,15 +24,14 @@ from typing import Any, ClassVar, Generic, Protocol, Self, TypeVar
 
 import numpy as np
 
-from eldir.controller import Controller
 from eldir.core.files import new_folder, write_bytes
 from eldir.core.kernels import Device
-from eldir.core.records import FileRecord, FloatArray, IntArray, SourceDigest, record
+from eldir.core.records import FileRecord, IntArray, SourceDigest, record
 from eldir.core.version import __version__, source_digest
 from eldir.engine.device.process import chosen_device
 from eldir.errors import EldirError, InputError, not_written
 from eldir.evolution import tables
-from eldir.evolution.population import LearnedRobots, is_valid
+from eldir.evolution.population import LearnedRobots, LearningOutcome, is_valid
 from eldir.evolution.search import EvolutionConfig, Search
 
 _logger = logging.getLogger(__name__)
@@ -207,12 +206,9 @@ class RunFolder(GenerationsFolder[EvolutionConfig]):
     def _file(self) -> FileRecord:
         return RunFile(__version__, self.source, self.config, self.device)
 
-    def save_part(
-        self, generation: int, ids: IntArray, losses: FloatArray, controllers: Sequence[Controller]
-    ) -> None:
+    def save_part(self, generation: int, ids: IntArray, outcome: LearningOutcome) -> None:
         """Save some robots of the present generation."""
-        precision = self.config.scene.precision
-        columns = {"id": ids, **tables.outcome_columns(losses, controllers, precision)}
+        columns = {"id": ids, **tables.outcome_columns(outcome, self.config.scene.precision)}
         first = int(ids.min()) - generation * self.config.population
         write_bytes(
             self.path / f"part-{generation:04d}-{first:06d}.parquet",
@@ -231,9 +227,10 @@ class RunFolder(GenerationsFolder[EvolutionConfig]):
         sound = is_valid(learned.losses, self.config.training.jump_threshold)
         born = tables.robots_columns(learned.robots)
         born |= {"losses": tables.lists(list(learned.losses), np.float64), "valid": sound}
+        born |= tables.flag_columns(learned)
         kept = search.survivors
         alive = tables.robots_columns(kept.robots)
-        alive |= tables.outcome_columns(kept.losses, kept.controllers, self.config.scene.precision)
+        alive |= tables.outcome_columns(kept, self.config.scene.precision)
         if self.config.second_stage:
             born["walk"], alive["walk"] = learned.walks, kept.walks
         self._save(generation, born, alive)
@@ -258,7 +255,8 @@ class RunFolder(GenerationsFolder[EvolutionConfig]):
 
 def load_generation(path: Path | str, generation: int) -> dict[str, np.ndarray]:
     """Every robot evaluated in a generation: id, parents (N, 2), seed, triangles (N, B, A),
-    springs (N, S), losses (N, iterations + 1), valid, and walk (`LearnedRobots.walks`), in order of id."""
+    springs (N, S), losses (N, iterations + 1), valid, and walk, chaotic_updates and rounded_updates
+    (`LearnedRobots`), in order of id."""
     run = RunFolder.open(Path(path))
     file = run.generation_file(generation)
     table = tables.read(file)
@@ -273,6 +271,7 @@ def load_generation(path: Path | str, generation: int) -> dict[str, np.ndarray]:
             "losses": np.stack(tables.rows(table, "losses")),
             "valid": np.array(table["valid"].to_pylist(), bool),
             "walk": np.array(table["walk"]) if "walk" in table.column_names else np.full(len(table), np.nan),
+            **dict(zip(tables.FLAGS, tables.flags(table), strict=True)),
         }
     except (KeyError, ValueError, AttributeError) as error:
         raise tables.damaged(file, "the robots of this run", error) from None

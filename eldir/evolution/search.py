@@ -145,7 +145,10 @@ class Search:
     def tell(self, robots: Robots, outcome: LearningOutcome) -> LearnedRobots:
         """Select among parents and offspring; parents keep their losses. Raises `EldirError` where no robot
         of the first generation is stable."""
-        learned = LearnedRobots(robots, outcome.losses, tuple(outcome.controllers))
+        learned = LearnedRobots(
+            robots, outcome.losses, tuple(outcome.controllers),
+            chaotic_updates=outcome.chaotic_updates, rounded_updates=outcome.rounded_updates,
+        )  # fmt: skip
         if self.config.second_stage:
             learned = self._walk_survivors(learned)
         survivors = self._select_survivors(learned)

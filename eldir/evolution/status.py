@@ -5,14 +5,15 @@ from __future__ import annotations
 from itertools import pairwise
 from pathlib import Path
 from statistics import median
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import NonNegativeInt, PositiveInt
+from pydantic import Field, NonNegativeInt, PositiveInt
 
 from eldir.core.records import FileRecord, FloatArray, SourceDigest, record
 from eldir.errors import InputError
 from eldir.evolution import tables
+from eldir.evolution.population import flagged_share
 from eldir.evolution.run_folder import RunFolder
 
 _RECENT = 5  # generations of whose durations the median is taken
@@ -51,6 +52,12 @@ class Status(RunStatus):
     """Robots evaluated so far."""
     discarded: NonNegativeInt
     """Robots that were discarded as unstable."""
+    chaotic_updates: Annotated[float, Field(ge=0, le=1)] | None
+    """Share of the population's updates whose gradient chaos dominates; null before the first generation is
+    complete, or if an older version trained all robots."""
+    rounded_updates: Annotated[float, Field(ge=0, le=1)] | None
+    """Share of the population's updates whose gradient rounding may change by a per cent or more; null
+    likewise."""
     seconds_a_generation: float | None
     """Time of one generation, median of the last ones [s]; null if unknown."""
     seconds_left: float | None
@@ -66,10 +73,19 @@ class Status(RunStatus):
         if self.best_m is not None:
             text += f"; best {self.best_m:.3f} m, mean {self.mean_m:.3f} m"
             text += f"; {self.discarded} of {self.evaluated} robots discarded as unstable"
+        if flagged := describe_flags(self.chaotic_updates, self.rounded_updates):
+            text += f"; {flagged}"
         if self.seconds_a_generation is not None and self.seconds_left is not None:
             text += f"; {_duration(self.seconds_a_generation)} a generation"
             text += f", {_duration(self.seconds_left)} left"
         return text
+
+
+def describe_flags(chaotic: float | None, rounded: float | None) -> str:
+    """The shares of a population's updates whose gradients have flags, in one phrase; empty without flags."""
+    shares = {"dominated by chaos": chaotic or 0.0, "possibly by rounding": rounded or 0.0}
+    phrases = [f"{100 * share:.1f} % {how}" for how, share in shares.items() if share > 0]
+    return f"gradients of updates: {', '.join(phrases)}" if phrases else ""
 
 
 def progress_line(generation: int, fitness: FloatArray | None) -> str:
@@ -95,6 +111,7 @@ def _status_of(run: RunFolder) -> Status:
     whole = run.complete_generations()
     generations = whole[-1][0] + 1 if whole else 0
     fitness = _fitness(whole[-1][1]) if whole else None
+    chaotic, rounded = _flags(whole[-1][1], config.iterations) if whole else (None, None)
     learned = sum(_rows(p) for p in run.parts(generations))
     evaluated = discarded = 0
     for g in range(generations):
@@ -114,6 +131,8 @@ def _status_of(run: RunFolder) -> Status:
         mean_m=None if fitness is None else float(fitness.mean()),
         evaluated=evaluated,
         discarded=discarded,
+        chaotic_updates=chaotic,
+        rounded_updates=rounded,
         seconds_a_generation=pace,
         seconds_left=None if pace is None else pace * to_come,
         source=run.source,
@@ -123,6 +142,13 @@ def _status_of(run: RunFolder) -> Status:
 def _fitness(path: Path) -> FloatArray:
     losses = np.stack(tables.rows(tables.read(path, ["losses"]), "losses"))
     return -losses.min(axis=1)
+
+
+def _flags(path: Path, iterations: int) -> list[float | None]:
+    """Shares of the updates whose gradients have flags; None for not known."""
+    table = tables.read(path, ["id"], tables.FLAGS)
+    shares = (flagged_share(updates, iterations) for updates in tables.flags(table))
+    return [None if np.isnan(share) else share for share in shares]
 
 
 def _rows(path: Path) -> int:

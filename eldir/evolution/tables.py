@@ -18,7 +18,7 @@ from eldir.controller import HIDDEN, Controller
 from eldir.core.kernels import Precision
 from eldir.core.records import BoolArray, FloatArray, IntArray
 from eldir.errors import InputError, not_read
-from eldir.evolution.population import LearnedRobots, Robots
+from eldir.evolution.population import LearnedRobots, LearningOutcome, Robots
 from eldir.genotype import stack, unstack
 from eldir.lattice import Lattice
 from eldir.morphology import offsets
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 LAYERS = ("w1", "b1", "w2", "b2")
+FLAGS = ("chaotic_updates", "rounded_updates")
 
 
 def robots_columns(robots: Robots) -> dict[str, Any]:
@@ -45,13 +46,26 @@ def genotype_bits(triangles: BoolArray, springs: BoolArray) -> dict[str, Any]:
     return {"triangles": _packed(triangles.reshape(len(triangles), -1)), "springs": _packed(springs)}
 
 
-def outcome_columns(
-    losses: FloatArray, controllers: Sequence[Controller], precision: Precision
-) -> dict[str, Any]:
-    """Columns with losses and learned weights."""
+def outcome_columns(outcome: LearningOutcome, precision: Precision) -> dict[str, Any]:
+    """Columns with losses, flags and learned weights."""
     kind = np.float32 if precision == "f32" else np.float64
-    weights = {k: lists([getattr(c, k) for c in controllers], kind) for k in LAYERS}
-    return {"losses": lists(list(losses), np.float64), **weights}
+    weights = {k: lists([getattr(c, k) for c in outcome.controllers], kind) for k in LAYERS}
+    return {"losses": lists(list(outcome.losses), np.float64), **flag_columns(outcome), **weights}
+
+
+def flag_columns(outcome: LearningOutcome) -> dict[str, Any]:
+    """Columns with the number of updates of each robot whose gradient has a flag."""
+    return {k: np.asarray(getattr(outcome, k), np.int32) for k in FLAGS}
+
+
+def flags(table: pa.Table) -> list[IntArray]:
+    """The inverse of `flag_columns`; -1 where an older version wrote the file."""
+    return [
+        np.asarray(table[k].to_numpy(), np.int32)
+        if k in table.column_names
+        else np.full(len(table), -1, np.int32)
+        for k in FLAGS
+    ]
 
 
 def read_learned(path: Path, lattice: Lattice) -> LearnedRobots:
@@ -65,16 +79,16 @@ def read_learned(path: Path, lattice: Lattice) -> LearnedRobots:
             table["seed"].to_numpy(),
         )
         walks = table["walk"].to_numpy() if "walk" in table.column_names else np.zeros(0)
-        return LearnedRobots(robots, *_outcome(table), walks)
+        return LearnedRobots(robots, *_outcome(table), walks, *flags(table))
     except (KeyError, ValueError, IndexError, AttributeError, InputError) as error:
         raise damaged(path, "the survivors of this run", error) from None
 
 
-def read_outcome(path: Path) -> tuple[IntArray, FloatArray, tuple[Controller, ...]]:
-    """Ids, losses and learned controllers, from a file that has these columns."""
+def read_outcome(path: Path) -> tuple[IntArray, FloatArray, tuple[Controller, ...], IntArray, IntArray]:
+    """Ids, losses, learned controllers and numbers of flagged updates, from a file that has these columns."""
     table = read(path)
     try:
-        return table["id"].to_numpy(), *_outcome(table)
+        return table["id"].to_numpy(), *_outcome(table), *flags(table)
     except (KeyError, ValueError, IndexError, AttributeError, InputError) as error:
         raise damaged(path, "robots of this run that have learned", error) from None
 
@@ -130,13 +144,16 @@ def to_bytes(columns: dict[str, Any], format_name: str) -> memoryview:
     return memoryview(buffer.getvalue())
 
 
-def read(path: Path, columns: list[str] | None = None) -> pa.Table:
-    """Read all or some columns. Raises `InputError` for a missing or damaged file."""
+def read(path: Path, columns: list[str] | None = None, optional: Sequence[str] = ()) -> pa.Table:
+    """Read all or some columns, and of the optional ones those that the file has. Raises `InputError` for a
+    missing or damaged file."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     try:
         if columns is not None and str(path).isprintable():  # Arrow opens no file whose name is not UTF-8
+            if optional:
+                columns = [*columns, *(k for k in pq.read_schema(path).names if k in optional)]
             return pq.read_table(path, columns=columns, page_checksum_verification=True)
         # In one thread: another one that still held these bytes at the program's end would abort it.
         data = pa.BufferReader(path.read_bytes())

@@ -28,7 +28,10 @@ def pretend(bodies: Sequence[Morphology], seeds: Sequence[int], config: Evolutio
         drawn = Controller.random(len(body.positions), body.motors, rng)
         # In the precision of the engine, which is what a run keeps.
         controllers.append(Controller(*(np.float32(getattr(drawn, k)) for k in ("w1", "b1", "w2", "b2"))))
-    return SimpleNamespace(losses=np.array(losses), controllers=controllers)
+    chaotic, rounded = np.array(seeds) % (config.iterations + 1), np.array(seeds) % 2
+    return SimpleNamespace(
+        losses=np.array(losses), controllers=controllers, chaotic_updates=chaotic, rounded_updates=rounded
+    )
 
 
 def evolved(config: EvolutionConfig, **options) -> Search:

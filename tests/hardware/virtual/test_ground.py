@@ -21,7 +21,7 @@ from eldir.parameters.springs import SpringParameters
 from eldir.terrain import Terrain
 from eldir_cad.kit.printer import fit_to_printer, load_printer
 from eldir_cad.kit.specification import load_specification
-from eldir_calibration.transfer.mujoco_walks import walk_sampled_robot
+from eldir_calibration.transfer.compared_walks import walk_sampled_robot
 from eldir_hardware.planning.model_export import export_robot
 from eldir_hardware.virtual.bodies import EngineBody
 from eldir_hardware.virtual.mujoco_body import MujocoBody, MujocoMotion, sample_multibody
@@ -134,3 +134,14 @@ def test_a_walk_in_mujoco_is_on_the_ground_of_its_design() -> None:
     slope = walk_sampled_robot(replace(design, printed_terrain=plane(-0.9)), *given)
     assert table.fault == "" and abs(table.displacement) < 0.05
     assert slope.fault == "turns over"
+
+
+@pytest.mark.parametrize("start", [-30.0, 0.0, 30.0])
+def test_the_first_and_the_last_segment_have_no_end(start: float) -> None:
+    """Wherever the terrain's segments begin, there is ground under the robot, before it and behind it."""
+    ground = Terrain(start + np.array([0.0, 0.1]), np.zeros(2), np.full(2, 0.05))
+    for place in (0.0, 0.25, 8.0, -8.0):
+        motion = MujocoMotion(small([hub(0.0), hub(0.5)], gravity=-9.81, terrain=ground), FREE)
+        motion.data.qpos[0] += place
+        motion.follow(np.zeros((6, 0)), 0.05)
+        assert motion.positions[0] == pytest.approx([place, 0.05], abs=1e-3)
