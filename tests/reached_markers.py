@@ -61,7 +61,7 @@ def _reached_by(thing: object) -> set[str]:
     if thing not in _KNOWN:
         _KNOWN[thing] = {module}  # against endless turns
         parts = [thing] if isinstance(thing, FunctionType) else vars(thing).values()
-        for function in parts:
+        for function in list(parts):  # a record grows when it is first looked at
             if isinstance(function := getattr(function, "__func__", function), FunctionType):
                 for name in _names(function.__code__):
                     _KNOWN[thing] |= _reached_by(function.__globals__.get(name))

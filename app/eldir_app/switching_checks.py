@@ -21,8 +21,7 @@ from eldir_hardware.guardian.bank import LEAD, HeaterBank, Report
 from eldir_hardware.relay.board import RelayBoard
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.supply import LimitError, worst_springs
-from eldir_hardware.run.drive import find_design
-from eldir_hardware.run.opened_rig import open_bank
+from eldir_hardware.run.drive import find_design, open_bank
 from eldir_hardware.safety import limits
 from eldir_hardware.safety.stop_signals import StopSignals, signals_as_errors
 

@@ -41,7 +41,8 @@ class PrintedMotion(Record):
     """Cosine and sine of the hubs' rotations, shape (T, M, 2), NaN likewise; shape (T, M, 0) without hubs."""
     state: FloatArray
     """State at the end, from which a further motion can continue: x, y, vx, vy (unless
-    strips are pinned, also cosine, sine, spin), shape (4 or 7, M)."""
+    strips are pinned, also cosine, sine, spin), shape (4 or 7, M). It leaves out the friction in the sockets
+    of hubs, which begins anew: their motion in pieces is not exactly that without a break."""
     status: int
     """`OK` (-1), or the interval in which the simulation diverged."""
 

@@ -19,7 +19,8 @@ from eldir.built.walking import displacements, displacements_and_ties
 from eldir.core.records import FloatArray, Record
 from eldir.design import Design
 from eldir.morphology import Morphology
-from eldir.parameters.robot import STRIP_SPREAD, RobotParameters, sample_feet, sample_springs
+from eldir.parameters.printed import STRIP_SPREAD
+from eldir.parameters.robot import RobotParameters, sample_feet, sample_springs
 
 _EQUAL = 0.1  # body lengths per five cycles: walks that differ by less count as equal
 _HALVINGS = 5

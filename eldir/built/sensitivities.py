@@ -57,10 +57,6 @@ if TYPE_CHECKING:
     from eldir.engine.built.motion_launch import RobotArrays
 
 _STEP = 1e-3  # of a parameter's scale
-_NEEDS = {
-    "bending": ("clamped", "hubs"),
-    **dict.fromkeys(("socket", "corner", "socket_turn", "socket_friction"), ("hubs",)),
-}  # joints without which a parameter means nothing
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +115,8 @@ class Sensitivity(Record):
     """Derivatives of the positions [m per unit of the parameter], shape (P, T, M, 2); NaN from the same
     interval."""
     state: FloatArray
-    """State at the end, from which a further motion can continue, shape (4 or 7, M)."""
+    """State at the end, from which a further motion can continue (`PrintedMotion.state`), shape (4 or 7,
+    M)."""
     state_tangents: FloatArray
     """Derivatives of `state`, shape (P, 4 or 7, M)."""
     status: int
@@ -226,9 +223,9 @@ def _parameter(drive: DriveInputs, parameter: str | Parameter) -> Parameter:
     require_known("parameter", parameter, MOTION_PARAMETERS)
     if parameter in _OTHERS:
         return _OTHERS[parameter]
-    if (joints := drive.robot.joints) not in _NEEDS.get(parameter, (joints,)):
+    if not drive.robot.parameters.acts(parameter):
         raise InputError(
-            f"robots with {joints} have no {parameter}",
+            f"robots with {drive.robot.joints} have no {parameter}",
             code="robot.other-joints",
             remedy="start from BuiltParameters().with_hubs()",
         )

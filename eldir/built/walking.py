@@ -14,7 +14,7 @@ from eldir.built.ground import heights
 from eldir.built.motion import OK, PrintedMotion, drive
 from eldir.built.robot import PrintedRobot, min_area_ratio, min_mass_distance
 from eldir.core.arguments import require_count, require_whole_number
-from eldir.core.records import FloatArray
+from eldir.core.records import BoolArray, FloatArray
 from eldir.parameters.springs import SpringParameters
 from eldir.terrain import Terrain
 
@@ -29,6 +29,7 @@ MAX_TIE_SHARE = 0.3
 """A larger share of ties makes a prediction doubtful."""
 _EVEN = 0.05  # of the load: both outer feet bear 45 to 55 per cent
 _CONTACT = 1e-4  # heights up to this count as on the table [m]
+_CORNER_ANGLES = np.radians(np.arange(-60, 61, 5))  # of a corner from straight down
 
 
 @overload
@@ -235,8 +236,8 @@ def tie_share(robot: PrintedRobot, positions: FloatArray, terrain: Terrain | Non
     `positions` [m], shape (T, M, 2): a few instants in each second. The loads are those of a body at rest on
     its two outer feet (law of the lever).
     """
-    on_table = heights(positions, terrain) < _CONTACT
-    touching = on_table[:-1] & on_table[1:]
+    standing = _may_stand(robot, positions, terrain)
+    touching = standing[:-1] & standing[1:]
     x = (positions[:-1, :, 0] + positions[1:, :, 0]) / 2
     slid = np.where(touching, np.abs(np.diff(positions[..., 0], axis=0)), 0.0).sum(axis=1)
     rear = np.where(touching, x, np.inf).min(axis=1)
@@ -248,3 +249,13 @@ def tie_share(robot: PrintedRobot, positions: FloatArray, terrain: Terrain | Non
     tied = stands & (np.abs(share - 0.5) < _EVEN)
     total = slid[stands].sum()
     return float(slid[tied].sum() / total) if total > 0 else 0.0
+
+
+def _may_stand(robot: PrintedRobot, positions: FloatArray, terrain: Terrain | None) -> BoolArray:
+    """Whether each mass may stand on the ground, shape (T, M). Where its rotation is not known, a hub may
+    stand on any point of the circle through its corners: on a slope it is then higher than on its lowest
+    corner."""
+    if terrain is None or robot.joints != "hubs":
+        return heights(positions, terrain) < _CONTACT
+    arms = [robot.parameters.corner * np.array([np.sin(a), 1 - np.cos(a)]) for a in _CORNER_ANGLES]
+    return np.min([heights(positions + arm, terrain) for arm in arms], axis=0) < _CONTACT

@@ -17,7 +17,32 @@ from pydantic import Field, NonNegativeFloat, PositiveFloat
 from eldir.core.arguments import require_value
 from eldir.core.records import Record, record
 from eldir.lattice import HALF_SIDE
+from eldir.parameters.annotations import (
+    ActsWith,
+    LargeSpread,
+    Prior,
+    Tolerance,
+    VariesWith,
+    field_annotations,
+    vary,
+)
 
+STRIP_SPREAD = 0.3e-3
+"""Standard deviation of a printed strip's length from the drawing [m]."""
+_RESIN = "modulus and thickness of cured resin"
+_Stiffness = Annotated[
+    PositiveFloat,
+    Prior(0.35, "shear modulus of published alloys, third power of the coil diameter"),
+    VariesWith("weight"),
+    Tolerance(0.05, shared="stiffness"),
+    LargeSpread(0.1, 0.5),
+]
+"""Stiffness of a shape-memory spring, cold or hot."""
+_SAMPLED_FIRST = (
+    "tension", "buckling", "socket_friction", "strip_damping", "active_damping", "drag", "hexagon",
+    "half_connector", "strip", "active_spring", "cold_stiffness", "friction", "bending",
+)  # fmt: skip
+"""Fields in the order in which former versions sampled them; new fields come after them, by themselves."""
 Joints = Literal["pins", "clamped", "hubs"]
 """Pins at the masses; hexagons that clamp the strips; or hubs with sockets and corners."""
 
@@ -35,43 +60,79 @@ class BuiltParameters(Record):
     """Gravity, positive upwards [m/s2]."""
     tilt: Annotated[float, Field(gt=-pi / 2, lt=pi / 2)] = 0.0
     """Tilt of the table: it falls forward by this angle [rad]."""
-    friction: NonNegativeFloat = 0.5
+    friction: Annotated[
+        NonNegativeFloat,
+        Prior(0.35, "resin on an unknown table"),
+        Tolerance(0.3, "uniform"),
+        LargeSpread(0.1, 0.5),
+    ] = 0.5
     """Coulomb coefficient between a mass and the table."""
     backward_friction: Annotated[NonNegativeFloat, Field(exclude_if=lambda value: value == 1.0)] = 1.0
     """Friction of a mass that slides backward, as a multiple of `friction`: more than 1 with feet of slanted
     bristles or teeth."""
-    drag: NonNegativeFloat = 1.0
+    drag: Annotated[NonNegativeFloat, Prior(0.5, "assumption"), Tolerance(0.1)] = 1.0
     """Rate at which velocities decay [1/s]."""
-    tension: PositiveFloat = 161e3
+    tension: Annotated[PositiveFloat, Prior(0.15, _RESIN), VariesWith("weight"), Tolerance(0.1)] = 161e3
     """Stiffness of a strip in tension, E A / l [N/m]."""
-    buckling: PositiveFloat = 3.51
+    buckling: Annotated[PositiveFloat, Prior(0.3, _RESIN), VariesWith("weight"), Tolerance(0.1)] = 3.51
     """Euler load of a strip whose ends rotate in their sockets [N]."""
-    bending: NonNegativeFloat = 0.0
+    bending: Annotated[
+        NonNegativeFloat,
+        ActsWith("clamped", "hubs"),
+        VariesWith("buckling"),
+        VariesWith("weight"),
+        Tolerance(0.1),
+    ] = 0.0
     """E I / l of a strip that its hexagons bend [N m]; 0: its ends are pins, hexagons do not rotate."""
-    socket: NonNegativeFloat = 0.0
+    socket: Annotated[NonNegativeFloat, ActsWith("hubs")] = 0.0
     """Distance from a hexagon's centre to the hinges in its sockets [m]; 0: no sockets. With sockets a
     hexagon is a hub that stands on its corners, and the next three values count."""
-    corner: NonNegativeFloat = 0.0
+    corner: Annotated[NonNegativeFloat, ActsWith("hubs")] = 0.0
     """Distance from a hub's centre to its corners [m]."""
-    socket_turn: NonNegativeFloat = 0.0
+    socket_turn: Annotated[NonNegativeFloat, ActsWith("hubs")] = 0.0
     """Angle to either side by which a strip turns freely in its sockets before it is bent [rad]."""
-    socket_friction: NonNegativeFloat = 0.0
+    socket_friction: Annotated[
+        NonNegativeFloat,
+        ActsWith("hubs"),
+        Prior(0.5, "not measured"),
+        VariesWith("weight"),
+        Tolerance(0.5, joints="hubs"),
+    ] = 0.0
     """Moment at which a strip begins to turn in a socket [N m]."""
-    strip_damping: NonNegativeFloat = 0.05
+    strip_damping: Annotated[
+        NonNegativeFloat, Prior(0.5, _RESIN), Tolerance(0.2), Tolerance(0.5, joints="hubs")
+    ] = 0.05
     """Damping ratio of a strip between its two masses, along it and, clamped, across."""
-    cold_stiffness: PositiveFloat = 49.0
+    cold_stiffness: _Stiffness = 49.0
     """Stiffness of a shape-memory spring, all martensite [N/m]."""
-    hot_stiffness: PositiveFloat = 124.0
+    hot_stiffness: _Stiffness = 124.0
     """Stiffness of a shape-memory spring, all austenite [N/m]."""
-    active_damping: NonNegativeFloat = 0.5
+    active_damping: Annotated[
+        NonNegativeFloat, Prior(0.5, "assumption"), VariesWith("weight"), Tolerance(0.2)
+    ] = 0.5
     """Dashpot of a shape-memory spring [N s/m]."""
-    hexagon: PositiveFloat = 0.905e-3
+    hexagon: Annotated[
+        PositiveFloat,
+        Prior(
+            0.05,
+            "density, support marks; 0.5 % with `--weight`",
+            name="weight",
+            quantity="printed_mass",
+            unobservable=True,
+        ),
+        Tolerance(0.05),
+    ] = 0.905e-3
     """Mass of a hexagon with its cap [kg]."""
-    half_connector: PositiveFloat = 0.61e-3
+    half_connector: Annotated[PositiveFloat, VariesWith("weight"), Tolerance(0.05)] = 0.61e-3
     """What half a connector and fewer sockets add to each mass with fewer than six springs [kg]."""
-    strip: PositiveFloat = 0.324e-3
+    strip: Annotated[PositiveFloat, VariesWith("weight"), Tolerance(0.05)] = 0.324e-3
     """Mass of a strip [kg], half to each end."""
-    active_spring: PositiveFloat = 1.95e-3
+    active_spring: Annotated[
+        PositiveFloat,
+        Prior(0.04, "wire length, relative to the print", name="spring_mass"),
+        VariesWith("weight"),
+        Tolerance(0.02),
+    ] = 1.95e-3
     """Mass of a shape-memory spring with its two ends [kg], half to each end."""
     gyration: PositiveFloat = 4.47e-3
     """Radius of gyration of a hexagon 12 mm across its flats [m]."""
@@ -91,38 +152,20 @@ class BuiltParameters(Record):
             return "hubs"
         return "clamped" if self.bending > 0 else "pins"
 
+    def acts(self, name: str) -> bool:
+        """Whether a field acts with these joints."""
+        where = dict(field_annotations(BuiltParameters, ActsWith)).get(name)
+        return where is None or self.joints in where.joints
+
     @property
     def scale(self) -> float:
         """Lengths of the built robot divided by those of the simulated one."""
         return self.pitch / (2 * HALF_SIDE)
 
     def perturb(self, rng: np.random.Generator) -> BuiltParameters:
-        """A random robot from the same printer.
-
-        Friction is 0.7 to 1.3 of nominal. The others have standard deviations: 5 to 20 per cent of stiffness
-        and damping, 2 to 5 per cent of masses, 0.3 mm of the length of strips. Of hubs the friction in the
-        sockets, and the damping that it causes, are hardly known: a factor of 1.65 (0.5 of their logarithm).
-        """
-        spreads = {
-            "tension": 0.1, "buckling": 0.1, "strip_damping": 0.2, "active_damping": 0.2, "drag": 0.1,
-            "hexagon": 0.05, "half_connector": 0.05, "strip": 0.05, "active_spring": 0.02,
-        }  # fmt: skip
-        values: dict[str, float] = {
-            name: getattr(self, name) * float(np.exp(spread * rng.standard_normal()))
-            for name, spread in spreads.items()
-        }
-        factor = float(np.exp(0.05 * rng.standard_normal()))
-        values |= {
-            "cold_stiffness": self.cold_stiffness * factor,
-            "hot_stiffness": self.hot_stiffness * factor,
-        }
-        values |= {"friction": self.friction * float(rng.uniform(0.7, 1.3)), "geometry": 0.3e-3}
-        values |= {"bending": self.bending * float(np.exp(0.1 * rng.standard_normal()))}
-        if self.socket > 0:
-            joints = np.exp(0.5 * rng.standard_normal(2))
-            values |= {"socket_friction": self.socket_friction * float(joints[0])}
-            values |= {"strip_damping": self.strip_damping * float(joints[1])}
-        return replace(self, **values)
+        """A random robot from the same printer, within the tolerances of its fields, and with strips that are
+        longer and shorter than in the drawing."""
+        return replace(self, **vary(self, rng, _SAMPLED_FIRST), geometry=STRIP_SPREAD)
 
     def with_hubs(self) -> BuiltParameters:
         """The same robot with hubs instead of pins: strips of 1 mm turn by 15 degrees in their sockets, with

@@ -8,6 +8,7 @@ quantities that results list of a robot.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -16,24 +17,16 @@ import numpy as np
 
 from eldir.core.arguments import require_count, require_known, require_value
 from eldir.core.records import FloatArray, Record
+from eldir.core.validation import field_texts
 from eldir.morphology import Morphology
-from eldir.parameters.printed import BuiltParameters
+from eldir.parameters.printed import STRIP_SPREAD, BuiltParameters
 from eldir.parameters.springs import SpringParameters
-from eldir.parameters.uncertain import PARAMETERS
+from eldir.parameters.uncertain import LISTED, PARAMETERS
 
-STRIP_SPREAD = 0.3e-3
-"""Standard deviation of a printed strip's length from the drawing [m]."""
 FOOT_SPREAD = 0.1
 """Standard deviation of the logarithm of a foot's friction, from foot to foot of one robot. Assumed:
 repeated measurements of one pair of materials scatter by 5 to 20 per cent (docs/reference/built.md)."""
-SPRING_SPREADS = {
-    "hot_length": 0.02,
-    "cold_length": 0.05,
-    "current": 0.05,
-    "cooling": 0.05,
-    "latent_heat": 0.05,
-    "transition": 1.0,
-}
+SPRING_SPREADS = {n: p.between_springs for n, p in PARAMETERS.items() if p.between_springs is not None}
 """Parameters in which the springs of one robot differ, with the standard deviation of the logarithm (of
 temperatures [K]). Sources: 1.5 mm of length; contacts and leads; the place in the fan's stream; the wire's
 composition."""
@@ -128,11 +121,17 @@ class RobotParameters(Record):
 class Quantity:
     """A physical quantity that results list."""
 
-    unit: str
     field: str
     """Name of a field of `BuiltParameters` or `SpringParameters`."""
     additive: bool = False
     """Whether its interval is symmetric about the value, not about the logarithm of the value."""
+
+    @property
+    def unit(self) -> str:
+        """Its unit, as the text of the field has it; 1 without one."""
+        texts = field_texts(BuiltParameters) | field_texts(SpringParameters)
+        found = re.search(r"\[(.+?)\]", texts[self.field])
+        return found[1] if found else "1"
 
     def value(self, robot: RobotParameters) -> float:
         """Value for the whole robot, in `unit`."""
@@ -145,27 +144,7 @@ class Quantity:
         return np.array([PARAMETERS[n].spread * PARAMETERS[n].powers.get(self.field, 0.0) for n in names])
 
 
-QUANTITIES: dict[str, Quantity] = {
-    "hot_length": Quantity("m", "hot_length"),
-    "cold_length": Quantity("m", "cold_length"),
-    "current": Quantity("A", "current_limit"),
-    "cooling": Quantity("W/(m2 K)", "convection_fan"),
-    "friction": Quantity("1", "friction"),
-    "cold_stiffness": Quantity("N/m", "cold_stiffness"),
-    "hot_stiffness": Quantity("N/m", "hot_stiffness"),
-    "heat_capacity": Quantity("J/(kg K)", "heat_capacity"),
-    "latent_heat": Quantity("J/kg", "latent_heat"),
-    "resistivity": Quantity("Ohm m", "resistivity_martensite"),
-    "transition": Quantity("C", "austenite_finish", additive=True),
-    "tension": Quantity("N/m", "tension"),
-    "buckling": Quantity("N", "buckling"),
-    "strip_damping": Quantity("1", "strip_damping"),
-    "socket_friction": Quantity("N m", "socket_friction"),
-    "active_damping": Quantity("N s/m", "active_damping"),
-    "drag": Quantity("1/s", "drag"),
-    "printed_mass": Quantity("kg", "hexagon"),
-    "spring_mass": Quantity("kg", "active_spring"),
-}
+QUANTITIES = {p.quantity: Quantity(p.field, p.additive) for p in LISTED}
 """Quantities that results list, by name."""
 
 

@@ -2,7 +2,8 @@
 
 A parameter has a normalised value z: 0 is nominal, 1 is one standard deviation of its prior, which comes from
 data sheets, geometry and printing (docs/reference/dynamics.md). All but the transition temperatures multiply
-their fields by exp(z spread), so that no field changes its sign.
+their fields by exp(z spread), so that no field changes its sign. `BuiltParameters` and `SpringParameters` say
+at their fields which there are (`eldir.parameters.annotations`).
 
 Three combinations change no motion: mass and stiffness by the same factor; heat capacity and heat flow by the
 same factor; resistance against current. They are the parameters `weight`, `heat` and `resistance`, and the
@@ -13,38 +14,34 @@ combination of many.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from itertools import chain
 from typing import Any, TypeVar
 
 import numpy as np
 
+from eldir.parameters.annotations import Prior, VariesWith, field_annotations
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.springs import SpringParameters
 
 _Part = TypeVar("_Part", BuiltParameters, SpringParameters)
-_PRINTED = ("hexagon", "half_connector", "strip")
-_FORCES = (
-    "tension", "buckling", "bending", "socket_friction", "active_damping", "cold_stiffness", "hot_stiffness",
+_ORDER = (
+    "hot_length", "cold_length", "current", "cooling", "friction", "cold_stiffness", "hot_stiffness", "heat",
+    "latent_heat", "resistance", "transition", "tension", "buckling", "strip_damping", "socket_friction",
+    "active_damping", "drag", "weight", "spring_mass",
 )  # fmt: skip
-_CONVECTION = ("convection_fan", "convection_still")
-_SUPPLY = ("current_limit", "supply_voltage")
-_RESISTANCES = ("resistivity_martensite", "resistivity_austenite", "lead_resistance")
-_TRANSITIONS = ("austenite_finish", "austenite_start", "martensite_start", "martensite_finish")
+"""Parameters in the order in which results list them, and random seeds give the same robots as before; later
+parameters need no place in it."""
 
 
-@dataclass(frozen=True)
-class UncertainParameter:
-    """An uncertain parameter, with a normal prior of its normalised value z."""
+@dataclass(frozen=True, kw_only=True)
+class UncertainParameter(Prior):
+    """An uncertain parameter: its prior, and the fields that it changes."""
 
-    spread: float
-    """Standard deviation of the prior: of the logarithm, or in [K] if the parameter is added."""
+    field: str
+    """Field of `BuiltParameters` or `SpringParameters` at which the prior stands, and which results list."""
     powers: Mapping[str, float]
-    """Fields of `BuiltParameters` and `SpringParameters` that the parameter multiplies, each with its
-    exponent."""
-    additive: bool = False
-    """Whether the parameter is added to the fields instead."""
-    unobservable: bool = False
-    """Whether no motion depends on the parameter."""
+    """All fields that the parameter multiplies, each with its exponent; or that it is added to."""
 
     def at(self, part: _Part, z: float) -> _Part:
         """The parameters of the printed parts, or of the springs, after a change of `z` standard
@@ -57,47 +54,41 @@ class UncertainParameter:
         return replace(part, **changed)
 
 
-def _all(*names: str, power: float = 1.0) -> dict[str, float]:
-    return dict.fromkeys(names, power)
+def read_parameters(*records: type) -> list[UncertainParameter]:
+    """The parameters of records, in the order of the fields at which their priors stand. Raises `TypeError`
+    where a parameter has its prior at no field, or at two."""
+    powers: dict[str, dict[str, float]] = {}
+    for field, other in chain.from_iterable(field_annotations(record, VariesWith) for record in records):
+        powers.setdefault(other.parameter, {})[field] = other.power
+    found = []
+    for field, prior in chain.from_iterable(field_annotations(record, Prior) for record in records):
+        name = prior.name or field
+        values = vars(prior) | {"name": name, "quantity": prior.quantity or name, "field": field}
+        found.append(UncertainParameter(**values, powers={field: 1.0} | powers.pop(name, {})))
+    if powers or len({p.name for p in found}) < len(found):
+        text = ", ".join(powers) or ", ".join(p.name for p in found)
+        raise TypeError(f"every parameter must have its prior at one field: {text}")
+    return found
 
 
+def _rank(parameter: UncertainParameter) -> int:
+    return _ORDER.index(parameter.name) if parameter.name in _ORDER else len(_ORDER)
+
+
+_FOUND = read_parameters(BuiltParameters, SpringParameters)
+LISTED = sorted(_FOUND, key=_rank)
+"""Uncertain parameters, in the order in which results list their quantities."""
 PARAMETERS: dict[str, UncertainParameter] = {
-    "hot_length": UncertainParameter(0.15, _all("hot_length")),
-    "cold_length": UncertainParameter(0.2, _all("cold_length")),
-    "current": UncertainParameter(0.25, _all(*_SUPPLY)),
-    "cooling": UncertainParameter(0.35, _all(*_CONVECTION)),
-    "friction": UncertainParameter(0.35, _all("friction")),
-    "cold_stiffness": UncertainParameter(0.35, _all("cold_stiffness")),
-    "hot_stiffness": UncertainParameter(0.35, _all("hot_stiffness")),
-    "latent_heat": UncertainParameter(0.05, _all("latent_heat")),
-    "transition": UncertainParameter(1.0, _all(*_TRANSITIONS), additive=True),
-    "tension": UncertainParameter(0.15, _all("tension")),
-    "buckling": UncertainParameter(0.3, _all("buckling", "bending")),
-    "strip_damping": UncertainParameter(0.5, _all("strip_damping")),
-    "socket_friction": UncertainParameter(0.5, _all("socket_friction")),
-    "active_damping": UncertainParameter(0.5, _all("active_damping")),
-    "drag": UncertainParameter(0.5, _all("drag")),
-    "spring_mass": UncertainParameter(0.04, _all("active_spring")),
-    "weight": UncertainParameter(0.05, _all(*_PRINTED, "active_spring", *_FORCES), unobservable=True),
-    "heat": UncertainParameter(
-        0.03,
-        _all("heat_capacity", "latent_heat", *_CONVECTION) | _all(*_SUPPLY, power=0.5),
-        unobservable=True,
-    ),
-    "resistance": UncertainParameter(
-        0.02,
-        _all(*_RESISTANCES) | _all("current_limit", power=-0.5) | _all("supply_voltage", power=0.5),
-        unobservable=True,
-    ),
+    p.name: p for p in sorted(_FOUND, key=lambda p: (p.unobservable, 0 if p.unobservable else _rank(p)))
 }
-"""Uncertain parameters, by name. All others are assumed to be known."""
+"""Uncertain parameters, by name; those that change no motion last. All others are assumed to be known."""
 
 
 def applicable_parameters(
     printed: BuiltParameters, names: Sequence[str] = tuple(PARAMETERS)
 ) -> tuple[str, ...]:
     """The named parameters that change a robot with these joints: only hubs have friction in sockets."""
-    absent = {field for field, value in printed.to_json().items() if value == 0}
+    absent = {f.name for f in fields(printed) if not printed.acts(f.name) or getattr(printed, f.name) == 0}
     return tuple(n for n in names if not set(PARAMETERS[n].powers) <= absent)
 
 

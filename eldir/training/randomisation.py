@@ -17,8 +17,8 @@ from eldir.built.scene import PrintedScene
 from eldir.core.arguments import require_value
 from eldir.core.records import Array, FloatArray, Record, record
 from eldir.morphology import Morphology
-from eldir.parameters.printed import BuiltParameters
-from eldir.parameters.robot import QUANTITIES, STRIP_SPREAD, RobotParameters
+from eldir.parameters.printed import STRIP_SPREAD, BuiltParameters
+from eldir.parameters.robot import QUANTITIES, RobotParameters
 from eldir.parameters.uncertain import PARAMETERS
 from eldir.physics import GRIPPING, Physics
 from eldir.scene import Scene

@@ -16,8 +16,7 @@ from rosbags.highlevel import AnyReader
 
 from eldir.design import Design, marked_masses
 from eldir_app.catalogue.comparison import compared_run
-from eldir_app.catalogue.index import Index
-from eldir_app.catalogue.runs import find_runs
+from eldir_app.catalogue.runs import Index, find_runs
 from eldir_app.demo import DemoResult, folder_size
 from eldir_cad.packet.folder import write_packet
 from eldir_hardware.planning.plan import PlanConfig, plan

@@ -23,6 +23,7 @@ FOLDERS = ("docs", "ros2_nodes", "benchmarks")
 EVERY = [page for name in FOLDERS for page in (ROOT / name).rglob("*.md")]
 PAGES = sorted([*ROOT.glob("*.md"), *(p for p in EVERY if "generated" not in p.parts)])  # by `make docs`
 PYTHON = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
+PYTHON_FILE = re.compile(r"`((?:[\w-]+/)*[\w-]+\.py)`")
 DOTTED = re.compile(
     r"(?<![\w./-])((?:eldir(?:_cad|_hardware|_calibration|_app|_ros)?)(?:\.[A-Za-z_]\w*)+)(?!\.?[*\w])(?![(]?/)"
 )
@@ -167,6 +168,22 @@ def test_every_module_that_is_named_is_there() -> None:
         if "decisions" not in path.parts and path.name != "CHANGELOG.md":
             for name in DOTTED.findall(path.read_text()):
                 assert name in groups or is_there(name.split(".")), f"{path.relative_to(ROOT)}: {name}"
+
+
+def test_every_python_file_that_a_page_names_is_there() -> None:
+    """By the end of its path. Decision records and the changelog are history."""
+    written_by_readers = {"my_boards/toy.py", "robot-run.py"}  # files that a reader or the program writes
+    folders = (
+        *PACKAGES.values(),
+        *(ROOT / n for n in ("benchmarks", "docs", "examples", "ros2_nodes", "tests")),
+    )
+    there = [f"/{p.relative_to(ROOT)}" for folder in folders for p in folder.rglob("*.py")]
+    assert f"/{Path(__file__).relative_to(ROOT)}" in there
+    for page in [*(ROOT / "docs").rglob("*.md"), *ROOT.glob("*.md"), ROOT / "benchmarks" / "README.md"]:
+        if "decisions" not in page.parts and page.name != "CHANGELOG.md":
+            for name in PYTHON_FILE.findall(page.read_text()):
+                known = name in written_by_readers or any(path.endswith(f"/{name}") for path in there)
+                assert known, f"{page.relative_to(ROOT)}: {name}"
 
 
 def is_there(words: list[str]) -> bool:

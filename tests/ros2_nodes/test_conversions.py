@@ -11,7 +11,6 @@ from rosbags.highlevel import AnyReader
 from scipy.spatial.transform import Rotation
 
 from eldir.errors import InputError
-from eldir_cad.multibody.urdf import urdf_text
 from eldir_hardware.camera.plane import CameraPose
 from eldir_hardware.images import jpeg
 from eldir_hardware.log.reader import read_log
@@ -208,7 +207,7 @@ def by_the_description(text, values):
 def test_description_joints_and_frames_of_the_robot_agree():
     rng = np.random.default_rng(3)
     places, angles = rng.normal(size=(4, 2)), rng.uniform(-3, 3, 4)
-    text = urdf_text("robot", {hub: f"file:///hub_{hub}.stl" for hub in range(4)}, 0.0243)
+    text = robot.urdf_text("robot", {hub: f"file:///hub_{hub}.stl" for hub in range(4)}, 0.0243)
     origins = [o.get("xyz") for o in ElementTree.fromstring(text).iter("origin")]
     assert origins == ["0 0.0243 0"] * 4, "the joints move in the plane of the marks, on the robot's front"
     joints = passed(robot.joints_of(new_message, NOW, places, angles), "sensor_msgs/msg/JointState")

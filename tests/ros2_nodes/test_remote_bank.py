@@ -11,8 +11,7 @@ from eldir_hardware.safety.stop_signals import StoppedError
 from eldir_ros.conversions import runs
 from eldir_ros.conversions.runs import ABORT, END_OF_RUN, KEEPALIVE
 from eldir_ros.remote.heartbeats import Heartbeats
-from eldir_ros.remote.obeyed_commands import ObeyedCommands
-from eldir_ros.remote.remote_bank import InterruptedRunError
+from eldir_ros.remote.remote_bank import InterruptedRunError, ObeyedCommands
 from tests.ros2_nodes.remote_boards import Board
 
 

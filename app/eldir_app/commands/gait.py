@@ -47,7 +47,7 @@ def gait(
     from eldir.built.scene import PrintedScene
     from eldir.core.files import require_ending, require_new, write_bytes
     from eldir.design import Design
-    from eldir_hardware.planning.heat_prediction import draw_heat
+    from eldir_hardware.planning.plan import draw_heat
     from eldir_hardware.rig.configuration import Rig
     from eldir_hardware.rig.supply import find_implausible_springs
     from eldir_hardware.safety.compatibility import packet_wiring
@@ -101,7 +101,7 @@ def _plan(
 def _prediction_lines(schedule: ActuationSchedule) -> Iterator[str]:
     """The predicted walk of each method, and why the gait was chosen."""
     from eldir.built.walking import describe_ties
-    from eldir_hardware.planning.heat_prediction import describe_walk
+    from eldir_hardware.planning.plan import describe_walk
 
     predicted = schedule.predicted
     for method, walk in predicted.displacement.items():

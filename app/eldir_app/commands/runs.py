@@ -89,8 +89,7 @@ def _find_runs(places: list[Path]) -> Catalogue:
     """Find the runs with a progress bar."""
     from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
 
-    from eldir_app.catalogue.index import Index, index_file
-    from eldir_app.catalogue.runs import find_runs
+    from eldir_app.catalogue.runs import Index, find_runs, index_file
     from eldir_app.progress import progress_bar
 
     with (

@@ -16,9 +16,8 @@ if TYPE_CHECKING:
     from eldir.core.records import FloatArray
     from eldir.errors import InputError
     from eldir_hardware.camera.plane import Image, Plane
-    from eldir_hardware.vision.live import CameraDevice
     from eldir_hardware.vision.pipeline import TrackingResult
-    from eldir_hardware.vision.sources import Source
+    from eldir_hardware.vision.sources import CameraDevice, Source
 
 _FILMING_TIME_S = 10.0
 
@@ -131,8 +130,8 @@ def _track(frames: Source, config: _TrackingConfig) -> tuple[_Filming | None, Tr
     from eldir_app.progress import progress_bar
     from eldir_hardware.markers.registration import require_kind
     from eldir_hardware.vision import pipeline
-    from eldir_hardware.vision.live import CameraDevice
     from eldir_hardware.vision.recording_setup import read_marker_kind
+    from eldir_hardware.vision.sources import CameraDevice
 
     kind = (
         read_marker_kind(frames.attachments, frames.name)
@@ -183,8 +182,7 @@ def _notes(result: TrackingResult, config: _TrackingConfig, frames: Source) -> l
 
 def _surplus_option(frames: Source, rate: float | None, seconds: float | None) -> str:
     """What is wrong about an option that this source cannot use; empty if there is none."""
-    from eldir_hardware.vision.live import CameraDevice
-    from eldir_hardware.vision.sources import PictureFolder, Video
+    from eldir_hardware.vision.sources import CameraDevice, PictureFolder, Video
 
     if seconds is not None and not isinstance(frames, CameraDevice):
         return f"--seconds is only for cameras, and {frames.name} is not a camera; remove it"

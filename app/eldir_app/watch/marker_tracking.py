@@ -26,7 +26,7 @@ from eldir_hardware.log import messages as m
 from eldir_hardware.log.following import LogFollower, LogMessage
 from eldir_hardware.log.reader import read_attachment
 from eldir_hardware.schedule import ActuationSchedule
-from eldir_hardware.vision.live_tracking import LiveTracker
+from eldir_hardware.vision.pipeline import LiveTracker
 from eldir_hardware.vision.recording_setup import CALIBRATION_FRAMES, marker_layout, read_marker_kind
 
 _POLL_INTERVAL_S = 0.05

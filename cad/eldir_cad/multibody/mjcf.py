@@ -20,6 +20,7 @@ from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
+from eldir.built.ground import MIN_SEGMENT
 from eldir.core.records import FloatArray
 from eldir.terrain import Terrain
 from eldir_cad.multibody.hubs import Inertia, hub_name
@@ -33,8 +34,8 @@ _STICTION_ROTATION = math.radians(0.5)  # of a socket before its friction yields
 _HUB_DAMPING = 0.1  # damping ratio of a hub that oscillates within that rotation
 _HIDDEN_GROUP = "4"  # not drawn by MuJoCo's viewer by default
 _POINT_RADIUS = 1e-4  # radius of a hub that is a point [m]
-_BEYOND = 1.0  # length of the first and the last segment of a terrain [m]
-_MAX_PRISM = 0.05  # length of a piece of terrain [m]
+_REACH = 10.0  # of a terrain before and behind the robot [m]
+_NEAR, _MAX_PRISM = 2.0, 0.05  # up to this distance from the robot, pieces of terrain are at most so long [m]
 _DEPTH = 0.02  # of a piece under the lowest end of its neighbours [m]
 _HALF_WIDTH = 0.02  # of a piece [m]
 
@@ -199,7 +200,8 @@ def mjcf_text(model: Multibody, name: str = "robot", meshes: Mapping[int, str] |
     if model.terrain is None:
         add_element(world, "geom", name="table", **looks, **table)
     else:
-        _add_terrain(assets, world, model.terrain, {**table, **looks, "type": "mesh"})
+        del table["size"]
+        _add_terrain(assets, world, model, model.terrain, {**table, **looks, "type": "mesh"})
     bodies = [_add_hub(world, model, i, hub, i in (meshes or {})) for i, hub in enumerate(model.hubs)]
     tendons = add_element(root, "tendon")
     actuators = add_element(root, "actuator")
@@ -212,22 +214,37 @@ def mjcf_text(model: Multibody, name: str = "robot", meshes: Mapping[int, str] |
     return ElementTree.tostring(root, encoding="unicode") + "\n"
 
 
-def _add_terrain(assets: Element, world: Element, terrain: Terrain, attributes: Mapping[str, str]) -> None:
-    """A prism under each segment, down to below its neighbours; under a long one several, because MuJoCo
+def _add_terrain(
+    assets: Element, world: Element, model: Multibody, terrain: Terrain, attributes: Mapping[str, str]
+) -> None:
+    """Prisms under the terrain, down to below their neighbours. Near the robot they are short, because MuJoCo
     finds contacts of a small part with a large one less exactly."""
-    x = np.concatenate([[terrain.x0[0] - _BEYOND], terrain.x0[1:], [terrain.x0[-1] + _BEYOND]])
-    given = {key: value for key, value in attributes.items() if key != "size"}
-    heights, number = terrain.height(x), 0
-    for segment, (first, last) in enumerate(pairwise(x)):
-        bottom = heights[max(segment - 1, 0) : segment + 3].min() - _DEPTH
-        edges = np.linspace(first, last, math.ceil((last - first) / _MAX_PRISM) + 1)
-        for pair in pairwise(edges):
-            top = [terrain.slope[segment] * at + terrain.intercept[segment] for at in pair]
-            outline = [*zip(pair, top, strict=True), *((at, bottom) for at in pair[::-1])]
-            points = np.array([(at, side, z) for side in (-_HALF_WIDTH, _HALF_WIDTH) for at, z in outline])
-            add_element(assets, "mesh", name=f"ground_{number:03d}", vertex=format_numbers(points.ravel()))
-            add_element(world, "geom", name=f"ground_{number:03d}", mesh=f"ground_{number:03d}", **given)
-            number += 1
+    edges = _prism_edges(terrain, np.array([hub.position[0] for hub in model.hubs]))
+    heights = terrain.height(edges)
+    for number, pair in enumerate(pairwise(edges)):
+        name = f"ground_{number:03d}"
+        bottom = heights[max(number - 1, 0) : number + 3].min() - _DEPTH
+        top = heights[number : number + 2]
+        outline = [*zip(pair, top, strict=True), *((at, bottom) for at in pair[::-1])]
+        points = np.array([(at, side, z) for side in (-_HALF_WIDTH, _HALF_WIDTH) for at, z in outline])
+        add_element(assets, "mesh", name=name, vertex=format_numbers(points.ravel()))
+        add_element(world, "geom", name=name, mesh=name, **attributes)
+
+
+def _prism_edges(terrain: Terrain, robot: FloatArray) -> FloatArray:
+    """Where prisms begin and end [m], wherever the terrain's own segments lie: its first and its last one
+    have no end. `robot`: positions of the hubs along the ground."""
+    first, last = robot.min() - _REACH, robot.max() + _REACH
+    corners = terrain.x0[1:]
+    ends = np.concatenate([[first], corners[(corners > first) & (corners < last)], [last]])
+    found = [ends[:1]]
+    for start, end in pairwise(ends):
+        near = max(start, robot.min() - _NEAR), min(end, robot.max() + _NEAR)
+        if near[0] < near[1]:
+            inside = np.linspace(*near, math.ceil((near[1] - near[0]) / _MAX_PRISM) + 1)
+            found.append(inside[(inside > start + MIN_SEGMENT) & (inside < end - MIN_SEGMENT)])
+        found.append(np.array([end]))
+    return np.concatenate(found)
 
 
 def _add_options(root: Element, model: Multibody) -> None:
@@ -263,11 +280,11 @@ def _add_hub(world: Element, model: Multibody, number: int, hub: Hub, has_mesh: 
     name, inertia = hub_name(number), hub.inertia
     at = [hub.position[0], 0.0, hub.position[1] + model.corner + model.lift]
     body = add_element(world, "body", name=name, pos=format_numbers(at))
-    drag = format_numbers([inertia.mass * model.drag])
+    drag = format_numbers([inertia.mass * model.parameters.drag])
     add_element(body, "joint", name=f"{name}_x", type="slide", axis="1 0 0", damping=drag)
     add_element(body, "joint", name=f"{name}_z", type="slide", axis="0 0 1", damping=drag)
     if model.max_rotation is not None:
-        rotational_drag = format_numbers([_inertia_about_centre(inertia) * model.drag])
+        rotational_drag = format_numbers([_inertia_about_centre(inertia) * model.parameters.drag])
         joint = {"type": "hinge", "axis": "0 -1 0", "damping": rotational_drag}
         add_element(body, "joint", name=f"{name}_turn", **joint)
     t = inertia.tensor

@@ -102,16 +102,15 @@ class Multibody:
     freely, and hubs do not rotate."""
     socket_friction: float
     """Torque at which a strip begins to rotate in a socket [N m]."""
-    drag: float
-    """Rate at which velocities decay [1/s]."""
+    parameters: BuiltParameters
+    """Parameters of the robot. Those count that act on all parts alike (drag, friction backward); the others
+    are in hubs, strips and coils."""
     gravity: float
     """Positive upwards [m/s2]."""
     tilt: float = 0.0
     """Forward slope of the table [rad]."""
     terrain: Terrain | None = None
     """The ground, as high as a corner that stands on it; by default the table at height 0."""
-    backward_friction: float = 1.0
-    """Friction of hubs that slide backward, as a multiple of that forward."""
     numerics: Numerics = field(default_factory=Numerics)
 
     @property
@@ -174,10 +173,9 @@ def build_multibody(
         contact_radius=1e-3 * (spec.mass.across_flats / 2 + spec.mass.across_corners / 2) / 2,
         max_rotation=float(np.radians(spec.strip.turn_deg)),
         socket_friction=SOCKET_FRICTION,
-        drag=robot.drag,
+        parameters=robot,
         gravity=robot.gravity,
         tilt=robot.tilt + tilt,
-        backward_friction=robot.backward_friction,
         terrain=terrain,
     )
 

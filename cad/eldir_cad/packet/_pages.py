@@ -20,8 +20,8 @@ from eldir.core.records import FloatArray, IntArray
 from eldir.morphology import Morphology
 from eldir_cad.checks.kinematics import find_hinges, find_mechanisms
 from eldir_cad.checks.violations import BuildReport
-from eldir_cad.packet._content import Content
 from eldir_cad.packet._drawing import CONNECTOR
+from eldir_cad.packet.manifest import Content
 
 _MAX_MOTIONS = 4  # that are drawn of a kind
 _ARROW = 0.03  # length of the longest arrow [m]

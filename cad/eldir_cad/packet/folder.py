@@ -27,7 +27,6 @@ from eldir_cad.geometry.shapes import stl
 from eldir_cad.kit.printer import Printer, fit_to_printer, load_printer
 from eldir_cad.kit.specification import Specification, load_specification
 from eldir_cad.packet import _drawing
-from eldir_cad.packet._content import Content, bill_of_materials, make_content, wiring_table
 from eldir_cad.packet._pages import (
     add_footer,
     draw_findings,
@@ -35,7 +34,7 @@ from eldir_cad.packet._pages import (
     draw_traveller,
     to_pdf,
 )
-from eldir_cad.packet.manifest import Manifest
+from eldir_cad.packet.manifest import Content, Manifest, bill_of_materials, make_content, wiring_table
 
 
 @dataclass(frozen=True)

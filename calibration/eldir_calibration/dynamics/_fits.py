@@ -17,8 +17,13 @@ from eldir.core.records import BoolArray, FloatArray, Record
 from eldir.parameters.robot import RobotParameters, part_names
 from eldir.parameters.uncertain import PARAMETERS, applicable_parameters
 from eldir_calibration.dynamics._model_check import ModelCheck, check_model
-from eldir_calibration.dynamics._problem import Linearisation, Problem
-from eldir_calibration.dynamics._residuals import Residual, compute_residual, mask_frames
+from eldir_calibration.dynamics._problem import (
+    Linearisation,
+    Problem,
+    Residual,
+    compute_residual,
+    mask_frames,
+)
 from eldir_calibration.dynamics._solution import (
     CachedProblem,
     estimate_covariance,

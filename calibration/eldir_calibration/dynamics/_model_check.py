@@ -5,7 +5,7 @@ noise is independent from frame to frame; where a model is wrong, residuals are 
 product of neighbouring residuals is the square of what noise does not explain. It is compared with the noise
 of the tracks themselves (from third differences, which need no model) and with the divergence of landings.
 Divergence must not hide a wrong model: frames in which slightly perturbed robots diverge are excluded
-(`eldir_calibration.dynamics._residuals`). `eldir_calibration.dynamics.verdict` decides.
+(`eldir_calibration.dynamics._problem`). `eldir_calibration.dynamics.verdict` decides.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import numpy as np
 
 from eldir.built.gait import CYCLES
 from eldir.core.records import BoolArray, FloatArray, Record
-from eldir_calibration.dynamics._residuals import (
+from eldir_calibration.dynamics._problem import (
     compute_residual,
     find_reproducible_frames,
     mask_frames,

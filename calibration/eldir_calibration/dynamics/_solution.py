@@ -9,8 +9,7 @@ from scipy.optimize import OptimizeResult, least_squares
 
 from eldir.core.records import FloatArray
 from eldir.parameters.uncertain import is_unobservable
-from eldir_calibration.dynamics._problem import Linearisation, Problem
-from eldir_calibration.dynamics._residuals import Residual, compute_residual
+from eldir_calibration.dynamics._problem import Linearisation, Problem, Residual, compute_residual
 from eldir_calibration.dynamics.recording import Progress, predict_markers
 
 

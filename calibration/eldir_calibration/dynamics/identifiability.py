@@ -13,8 +13,7 @@ from eldir.core.records import FloatArray, Record
 from eldir.parameters.robot import RobotParameters
 from eldir.parameters.uncertain import is_unobservable
 from eldir.trajectory import Trajectory
-from eldir_calibration.dynamics._problem import linearise
-from eldir_calibration.dynamics._residuals import compute_residual
+from eldir_calibration.dynamics._problem import compute_residual, linearise
 from eldir_calibration.dynamics.configuration import DEFAULT_CONFIG, IdentificationConfig
 from eldir_calibration.dynamics.recording import INTERVAL, FilmedBody, Recording, predict_markers
 

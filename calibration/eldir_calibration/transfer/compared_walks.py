@@ -1,34 +1,155 @@
-"""Walks of designs as predicted by the engine, and in MuJoCo with other samples of the robots."""
+"""Walks of designs as predicted by the engine, and in MuJoCo with other samples of the robots.
+
+How far a robot walks in MuJoCo is measured as `eldir.built.walking` measures its own robots.
+"""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from threading import Event
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field, NonNegativeInt
 
-from eldir.built.gait import Gait, read_gait
+from eldir.built.gait import CYCLES, FreeLengths, Gait, free_lengths, read_gait
+from eldir.built.heat import join_hubs
+from eldir.built.robot import build, min_area_ratio
 from eldir.built.samples import NominalRobots, SampledWalks, sample_walks
 from eldir.built.screening import screen
-from eldir.built.walking import MAX_TIE_SHARE
-from eldir.core.records import BoolArray, FloatArray, Record, record
+from eldir.built.walking import FOLDED_AREA_RATIO, MAX_TIE_SHARE, TOPPLED_ANGLE, rotation
+from eldir.core.records import BoolArray, FloatArray, IntArray, Record, record
 from eldir.design import Design
 from eldir.engine.threads import worker_threads
-from eldir.errors import InputError
+from eldir.errors import EldirError, InputError
+from eldir.morphology import Morphology
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
+from eldir_cad.kit import PRINTER
+from eldir_cad.kit.printer import load_printer
+from eldir_cad.kit.specification import load_specification
+from eldir_cad.multibody.model import Multibody, Numerics, build_multibody
 from eldir_calibration.report.verdict import prediction_interval
-from eldir_calibration.transfer.mujoco_walks import MujocoWalk, WalkFault, walk_sampled_robot
+from eldir_hardware.virtual.mujoco_body import MujocoMotion, sample_multibody
 
 _MAX_PERIOD = 120.0  # period of a gait [s]: as of a schedule
 StepProgress = Callable[[str, float], None]
 """Called with the present step, and how many steps have been done since the last call."""
+FINE_NUMERICS = Numerics(step=1e-4, contact_time=2e-4)
+"""Three times as fine as on the virtual rig: walks of small robots change by up to a third between both, and
+by 0.02 beyond this (docs/reference/second-physics-measured.md)."""
+_SAMPLE_ROWS = 20  # rows of free lengths between positions kept: one second
+_FACES = 2
+
+WalkFault = Literal["", "turns over", "folds", "buckles a coil", "fails"]
+
+
+@dataclass(frozen=True)
+class MujocoWalk:
+    """How far a robot walks in MuJoCo."""
+
+    displacement: float
+    """[Body lengths per five cycles]; minus infinity where it falls, in the sense of `fault`."""
+    fault: WalkFault = ""
+    """Why it does not count as a walk: "turns over" (by 45 degrees), "folds" (a triangle), "buckles a coil",
+    or "fails" (the simulation); empty if it walks."""
+
+
+def walk_sampled_robot(
+    design: Design,
+    gait: Gait,
+    seed: int,
+    springs: SpringParameters,
+    cycles: int,
+    cancelled: Event | None = None,
+) -> MujocoWalk:
+    """Walk of the robot that a seed gives the virtual rig.
+
+    Robot, feet, slope of the table and each spring deviate by the seed. `springs`: their mean. `cycles` are
+    counted, after one that is not. Once `cancelled` is set it gives up.
+    """
+    model = replace(sample_multibody(design.morphology, seed, design.ballast), numerics=FINE_NUMERICS)
+    heating = sample_heating(gait, seed, springs, cycles, design.morphology.motor_hubs)
+    return measure_walk(model, design.morphology, heating, cycles, springs, cancelled)
+
+
+def walk_given_robot(
+    morphology: Morphology, robot: RobotParameters, table: FreeLengths, cycles: int
+) -> float:
+    """Walk of a robot with these parameters under prescribed free lengths, in the time steps of the virtual
+    rig [body lengths per five cycles]; minus infinity where it falls."""
+    model = build_multibody(
+        morphology,
+        load_specification(),
+        load_printer(PRINTER),
+        robot.printed,
+        strip_extensions=robot.strips if len(robot.strips) else None,
+        friction_factors=robot.feet if len(robot.feet) else None,
+    )
+    return measure_walk(model, morphology, table, cycles, robot.springs).displacement
+
+
+def sample_heating(
+    gait: Gait, seed: int, springs: SpringParameters, cycles: int, hubs: IntArray | None = None
+) -> FreeLengths:
+    """Free lengths of motors whose springs, one on each face, deviate by the seed; a motor follows their
+    mean. `hubs` of each motor: heat passes between springs of one face."""
+    deviations = np.random.default_rng([seed, 3])
+    motors = len(gait.phase)
+    own = [springs.perturb(deviations) for _ in range(_FACES * motors)]
+    both = Gait(gait.period, np.repeat(gait.phase, _FACES), np.repeat(gait.duty, _FACES))
+    if hubs is not None:  # each face has its own
+        hubs = join_hubs([hubs] * _FACES).reshape(_FACES, motors, 2).swapaxes(0, 1).reshape(-1, 2)
+    table = free_lengths(both, own, cycles, hubs=hubs)
+    return replace(table, lengths=table.lengths.reshape(-1, motors, _FACES).mean(axis=2))
+
+
+def measure_walk(
+    model: Multibody,
+    morphology: Morphology,
+    table: FreeLengths,
+    cycles: int,
+    springs: SpringParameters,
+    cancelled: Event | None = None,
+) -> MujocoWalk:
+    """Walk of a model of this body under prescribed free lengths. Raises `MissingDependencyError` without
+    MuJoCo."""
+    free = springs.cold_length, springs.hot_length
+    motion = MujocoMotion(model, free)
+    positions, shortened = [motion.positions], []
+    for row in range(0, len(table.lengths) - _SAMPLE_ROWS, _SAMPLE_ROWS):
+        if cancelled is not None and cancelled.is_set():
+            return MujocoWalk(-np.inf, "fails")
+        try:
+            motion.follow(table.lengths[row : row + _SAMPLE_ROWS + 1], table.interval)
+        except EldirError:
+            return MujocoWalk(-np.inf, "fails")
+        positions.append(motion.positions)
+        between_hinges, _ = model.coil_commands(table.lengths[row + _SAMPLE_ROWS][None], free)
+        shortened.append(between_hinges[0] - motion.coil_lengths)
+    return evaluate_walk(morphology, np.array(positions), np.array(shortened), table, cycles)
+
+
+def evaluate_walk(
+    morphology: Morphology, positions: FloatArray, shortened: FloatArray, table: FreeLengths, cycles: int
+) -> MujocoWalk:
+    """`positions` [m] every `_SAMPLE_ROWS` rows of the table, shape (T + 1, M, 2); `shortened`: how much
+    shorter than free each coil is between its hinges [m], in all of them but the first, shape (T, A)."""
+    robot = build(morphology)
+    if np.abs(rotation(robot.positions, positions)).max() > TOPPLED_ANGLE:
+        return MujocoWalk(-np.inf, "turns over")
+    # Hubs may touch each other: MuJoCo knows their contact.
+    if min_area_ratio(robot, positions) < FOLDED_AREA_RATIO:
+        return MujocoWalk(-np.inf, "folds")
+    most = SpringParameters().buckling_shortening(table.lengths[_SAMPLE_ROWS::_SAMPLE_ROWS][: len(shortened)])
+    if (shortened > most).any():
+        return MujocoWalk(-np.inf, "buckles a coil")
+    forward = positions[-1, :, 0].mean() - positions[table.first_cycle // _SAMPLE_ROWS, :, 0].mean()
+    return MujocoWalk(float(forward / robot.body_length * CYCLES / cycles))
 
 
 @record

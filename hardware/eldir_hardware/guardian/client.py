@@ -228,8 +228,8 @@ class Guardian(HeaterBank, Resource):
         messages = self._connection.receive()
         if messages is None:
             raise self._handle_loss("died")
-        if messages:
-            self._answer_due = time.monotonic() + _MAX_SILENCE
+        if messages:  # none takes away the time in which it may write its state to a busy disk
+            self._answer_due = max(self._answer_due, time.monotonic() + _MAX_SILENCE)
         reports: list[Report] = []
         others: list[dict[str, Any]] = []
         problem: EldirError | None = None
@@ -238,7 +238,7 @@ class Guardian(HeaterBank, Resource):
                 case "report":
                     reports.append(_parse_report(message["report"]))
                     self._note_supply(reports[-1])
-                case "opening":  # contacts, and proving it, which takes longer than a keepalive
+                case "opening":  # contacts, proving and saving it, which takes longer than a keepalive
                     self._answer_due = time.monotonic() + _MAX_SILENCE + _PROOF_TIMEOUT
                 case "refused":
                     problem = problem or LimitError(message["reason"], code=message.get("code"))

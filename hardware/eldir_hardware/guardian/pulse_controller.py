@@ -14,10 +14,10 @@ from typing import NamedTuple
 from eldir.errors import EldirError
 from eldir_hardware.clock import Clock
 from eldir_hardware.current_sensor import CurrentSensor, SensorError
-from eldir_hardware.guardian._current_watch import CurrentWatch
 from eldir_hardware.guardian._forecast import HeatingInterval
 from eldir_hardware.guardian._interlock import Interlock
 from eldir_hardware.guardian.bank import BOARD_PROOF, HeaterBank, Report, ReportCallback
+from eldir_hardware.guardian.measured_heat import CurrentWatch
 from eldir_hardware.relay.board import RelayBoard
 from eldir_hardware.relay.errors import RelayError
 from eldir_hardware.rig.configuration import Rig

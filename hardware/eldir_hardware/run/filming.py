@@ -141,7 +141,7 @@ class LiveCamera(Resource):
     def open(self) -> None:
         """Take the first picture and start reading. Raises `InputError` where the camera cannot be opened, or
         its pictures have another size than the rig file says."""
-        from eldir_hardware.vision.live import CameraDevice
+        from eldir_hardware.vision.sources import CameraDevice
 
         entry = self._entry
         wanted = entry.width, entry.height

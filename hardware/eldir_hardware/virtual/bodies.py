@@ -14,6 +14,7 @@ import numpy as np
 from eldir.core.records import FloatArray
 from eldir.errors import EldirError, divergence_error
 from eldir.morphology import Morphology
+from eldir.parameters.annotations import LargeSpread, field_annotations
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
@@ -21,6 +22,8 @@ from eldir.terrain import Terrain
 from eldir_hardware.virtual.rig import DrivenBody
 
 Physics = Literal["eldir", "mujoco"]
+_SAMPLED_FIRST = "cold_length", "hot_length"
+"""Springs' fields before the others, by which seeds give the same robots as before."""
 
 
 def virtual_body(
@@ -62,32 +65,25 @@ def physics_version(physics: Physics) -> str:
 
 
 def sample_large_spread(nominal: RobotParameters, seed: int) -> RobotParameters:
-    """A robot far from the nominal one, for an identification on a virtual rig: springs and friction differ
-    by 10 to 50 per cent, everything else as printed robots differ.
-
-    Free lengths differ by 10 to 30 per cent and the current by 10 to 25: with more, the robot would fall or
-    stand still.
-    """
+    """A robot far from the nominal one, for an identification on a virtual rig: as far as each `LargeSpread`
+    says, and in all other fields as printed robots differ. With more, it would fall or stand still."""
     rng = np.random.default_rng([seed, 4])
-
-    def factor(min_change: float, max_change: float) -> float:
-        return float(1 + rng.choice([-1, 1]) * rng.uniform(min_change, max_change))
-
     built, springs = nominal.printed, nominal.springs
-    stiffness, hot_to_cold = factor(0.1, 0.5), float(rng.uniform(0.9, 1.1))
-    built = replace(
-        built.perturb(rng),
-        friction=built.friction * factor(0.1, 0.5),
-        cold_stiffness=built.cold_stiffness * stiffness,
-        hot_stiffness=built.hot_stiffness * stiffness * hot_to_cold,
+    spreads = dict(
+        field_annotations(BuiltParameters, LargeSpread) + field_annotations(SpringParameters, LargeSpread)
     )
-    springs = replace(
-        springs.perturb(rng),
-        cold_length=springs.cold_length * factor(0.1, 0.3),
-        hot_length=springs.hot_length * factor(0.1, 0.2),
-        current_limit=springs.current_limit * factor(0.1, 0.25),
-        convection_fan=springs.convection_fan * factor(0.1, 0.4),
-    )
+    # Both stiffnesses are off by one factor, and the hot one by a tenth more or less.
+    factors = dict.fromkeys(("cold_stiffness", "hot_stiffness"), spreads["cold_stiffness"].sample(rng))
+    hot_to_cold = float(rng.uniform(0.9, 1.1))
+
+    def values(part: BuiltParameters | SpringParameters) -> dict[str, Any]:
+        own = [name for name in dict.fromkeys([*_SAMPLED_FIRST, *spreads]) if hasattr(part, name)]
+        factors.update((name, spreads[name].sample(rng)) for name in own if name not in factors)
+        return {name: getattr(part, name) * factors[name] for name in own}
+
+    built = replace(built.perturb(rng), **values(built))
+    built = replace(built, hot_stiffness=built.hot_stiffness * hot_to_cold)
+    springs = replace(springs.perturb(rng), **values(springs))
     return RobotParameters(built, springs)
 
 

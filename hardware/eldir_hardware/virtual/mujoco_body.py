@@ -127,7 +127,7 @@ class MujocoMotion:
         self.data.ctrl[:] = lengths
         self.model.actuator_gainprm[:, 0] = stiffness
         self.model.actuator_biasprm[:, 1] = -stiffness
-        if self._multibody.backward_friction != 1.0:
+        if self._multibody.parameters.backward_friction != 1.0:
             self._choose_friction()
 
     def _choose_friction(self) -> None:
@@ -135,7 +135,7 @@ class MujocoMotion:
         point of each hub moves now."""
         speeds = self.data.qvel.reshape(len(self._hubs), -1)
         sliding = speeds[:, 0] + self._multibody.corner * speeds[:, 2:].sum(axis=1)
-        factor = np.where(sliding < 0, self._multibody.backward_friction, 1.0)
+        factor = np.where(sliding < 0, self._multibody.parameters.backward_friction, 1.0)
         self.model.geom_friction[self._feet, 0] = factor * self._friction
 
 

@@ -31,7 +31,7 @@ from schedules import CONFIG
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from eldir_ros.base.message_types import COMPLETE, LATCHED
+from eldir_ros.base.interfaces import COMPLETE, LATCHED
 from eldir_ros.remote.graph_check import HEATING, OBSERVERS
 from eldir_ros.remote.heartbeats import PERIOD
 

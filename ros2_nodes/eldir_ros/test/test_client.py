@@ -22,7 +22,7 @@ from graph import Graph, wait_until  # noqa: E402
 from schedules import LONG, SHORT  # noqa: E402
 
 from eldir_hardware.schedule import ActuationSchedule  # noqa: E402
-from eldir_ros.base.message_types import new_message  # noqa: E402
+from eldir_ros.base.interfaces import new_message  # noqa: E402
 from eldir_ros.conversions import runs  # noqa: E402
 
 HEATING = ("relay_board", "actuation_sequencer")

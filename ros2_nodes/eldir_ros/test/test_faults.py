@@ -24,7 +24,7 @@ from schedules import LONG, SHORT  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 from visualization_msgs.msg import MarkerArray  # noqa: E402
 
-from eldir_ros.base.message_types import COMPLETE, LATCHED, new_message  # noqa: E402
+from eldir_ros.base.interfaces import COMPLETE, LATCHED, new_message  # noqa: E402
 from eldir_ros.conversions import marks, runs  # noqa: E402
 from eldir_ros.remote.heartbeats import NODE_TIMEOUT  # noqa: E402
 

@@ -21,8 +21,8 @@ from std_msgs.msg import String  # noqa: E402
 from eldir_hardware.camera.plane import Plane  # noqa: E402
 from eldir_hardware.log.reader import read_log  # noqa: E402
 from eldir_hardware.schedule import ActuationSchedule  # noqa: E402
-from eldir_hardware.vision.live_tracking import FIRST_PICTURE_KEY  # noqa: E402
-from eldir_ros.base.message_types import LATCHED, new_message  # noqa: E402
+from eldir_hardware.vision.pipeline import FIRST_PICTURE_KEY  # noqa: E402
+from eldir_ros.base.interfaces import LATCHED, new_message  # noqa: E402
 from eldir_ros.conversions import runs  # noqa: E402
 
 START = 1_800_000_000_000_000_000

@@ -26,7 +26,7 @@ from eldir_hardware.rig.configuration import Rig  # noqa: E402
 from eldir_hardware.run.drive import DriveConfig, drive_rig  # noqa: E402
 from eldir_hardware.schedule import ActuationSchedule  # noqa: E402
 from eldir_hardware.vision.pipeline import track_log  # noqa: E402
-from eldir_ros.base.message_types import COMPLETE, message_class  # noqa: E402
+from eldir_ros.base.interfaces import COMPLETE, message_class  # noqa: E402
 from eldir_ros.conversions import marks, nanoseconds, runs  # noqa: E402
 
 

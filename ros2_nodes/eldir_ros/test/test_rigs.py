@@ -17,7 +17,7 @@ from rosgraph_msgs.msg import Clock  # noqa: E402
 from schedules import LONG, MIDDLE, SHORT  # noqa: E402
 from visualization_msgs.msg import MarkerArray  # noqa: E402
 
-from eldir_ros.base.message_types import COMPLETE  # noqa: E402
+from eldir_ros.base.interfaces import COMPLETE  # noqa: E402
 from eldir_ros.conversions import runs  # noqa: E402
 
 HEATING = ("relay_board", "actuation_sequencer")

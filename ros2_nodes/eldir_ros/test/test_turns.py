@@ -18,7 +18,7 @@ from rclpy.executors import MultiThreadedExecutor  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
 
-from eldir_ros.base.message_types import COMPLETE  # noqa: E402
+from eldir_ros.base.interfaces import COMPLETE  # noqa: E402
 from eldir_ros.base.rig_node import RigNode  # noqa: E402
 
 

@@ -6,8 +6,7 @@ import json
 import os
 from pathlib import Path
 
-from eldir_app.catalogue.index import Index
-from eldir_app.catalogue.runs import Catalogue, find_runs
+from eldir_app.catalogue.runs import Catalogue, Index, find_runs
 from eldir_hardware.log.mcap_file import fingerprint
 from eldir_hardware.log.recorder import Recorder
 from tests.hardware.log.log_contents import EPOCH, NAMES, POSITIONS, picture

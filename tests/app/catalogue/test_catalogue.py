@@ -18,9 +18,8 @@ from mcap.writer import Writer
 from eldir.errors import InputError
 from eldir_app.catalogue import Column
 from eldir_app.catalogue.facts import Notes, notes_file, read_notes, write_notes
-from eldir_app.catalogue.index import Index
 from eldir_app.catalogue.listing import COLUMNS, ordered, selected
-from eldir_app.catalogue.runs import CataloguedRun
+from eldir_app.catalogue.runs import CataloguedRun, Index
 from tests.app.catalogue.small_logs_and_reports import found, later, record, report
 from tests.paths import SCHEMAS
 from tests.raised import raises

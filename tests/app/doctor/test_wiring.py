@@ -26,7 +26,7 @@ from eldir_hardware.planning.compiler import compile_schedule
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.supply import LimitError
 from eldir_hardware.rig.template import real_rig, virtual_rig
-from eldir_hardware.run.opened_rig import open_bank
+from eldir_hardware.run.drive import open_bank
 from eldir_hardware.safety.compatibility import with_digests
 from eldir_hardware.virtual.rig import VirtualRig
 from tests.cad.drawn_bodies import body

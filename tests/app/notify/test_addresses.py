@@ -16,7 +16,7 @@ from eldir_hardware.rig.template import virtual_rig
 from eldir_hardware.run.drive import drive_rig
 from eldir_hardware.safety.compatibility import rig_digests, with_digests
 from eldir_hardware.schedule import ActuationSchedule, Event
-from eldir_hardware.vision.live import CameraDevice
+from eldir_hardware.vision.sources import CameraDevice
 from tests.raised import raises
 
 SECRET = "pw-Zk3"

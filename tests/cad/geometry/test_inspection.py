@@ -13,9 +13,8 @@ from manifold3d import CrossSection, Manifold
 from eldir.errors import EldirError
 from eldir_app.commands.coupon import coupon as command
 from eldir_cad.geometry import parts
-from eldir_cad.geometry.inspection import inspect, require_printable
+from eldir_cad.geometry.inspection import inspect, measure_inclined, require_printable, self_intersections
 from eldir_cad.geometry.shapes import to_mesh
-from eldir_cad.geometry.thickness import measure_inclined, self_intersections
 from eldir_cad.kit.printer import fit_to_printer, load_printer
 from eldir_cad.kit.specification import load_specification
 from eldir_cad.packet.coupon import allowance_table, coupon_part, write_coupon

@@ -13,9 +13,9 @@ from eldir_cad.checks.violations import BuildReport, Violation
 from eldir_cad.geometry.assembly import assemble
 from eldir_cad.kit.printer import fit_to_printer, load_printer
 from eldir_cad.kit.specification import load_specification
-from eldir_cad.packet._content import bill_of_materials, make_content
 from eldir_cad.packet._drawing import draw_assembly_map
 from eldir_cad.packet._pages import draw_findings, draw_order_of_work, draw_traveller
+from eldir_cad.packet.manifest import bill_of_materials, make_content
 from tests.cad.drawn_bodies import BLOCK, HOURGLASS, WHEEL, body, design
 
 PRINTER = load_printer()

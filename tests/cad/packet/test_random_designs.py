@@ -17,7 +17,7 @@ from eldir_cad.geometry.assembly import assemble, smallest_gap
 from eldir_cad.geometry.inspection import inspect, require_printable
 from eldir_cad.kit.printer import fit_to_printer, load_printer
 from eldir_cad.kit.specification import Specification, load_specification
-from eldir_cad.packet._content import make_content
+from eldir_cad.packet.manifest import make_content
 from tests.cad.drawn_bodies import HOURGLASS, RHOMBUS, TRIANGLE, WHEEL, body, design
 from tests.raised import raises
 

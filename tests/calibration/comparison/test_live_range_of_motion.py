@@ -6,7 +6,7 @@ import pytest
 from eldir.built.robot import build
 from eldir.lattice import Lattice
 from eldir.trajectory import Trajectory
-from eldir_calibration.comparison.live_range_of_motion import LiveRangeOfMotion
+from eldir_calibration.comparison.predictions import LiveRangeOfMotion
 from eldir_calibration.report.comparison import Motion
 from eldir_hardware.schedule import ActuationSchedule, Event
 from tests.eldir.random_design import make_design

@@ -19,7 +19,8 @@ from eldir.built.samples import IdentifiedRobots, sample_walks
 from eldir.built.scene import IdentifiedModel, ModelNumbers, PrintedScene
 from eldir.built.walking import displacements
 from eldir.errors import InputError
-from eldir.parameters.robot import FOOT_SPREAD, QUANTITIES, STRIP_SPREAD, contrasts, part_names, perturb_robot
+from eldir.parameters.printed import STRIP_SPREAD
+from eldir.parameters.robot import FOOT_SPREAD, QUANTITIES, contrasts, part_names, perturb_robot
 from eldir.parameters.uncertain import PARAMETERS
 from eldir.trajectory import Trajectory
 from eldir_calibration.dynamics._fits import (
@@ -30,8 +31,7 @@ from eldir_calibration.dynamics._fits import (
 )
 from eldir_calibration.dynamics._model_check import ModelCheck, check_model, track_noise
 from eldir_calibration.dynamics._model_search import CandidateModel
-from eldir_calibration.dynamics._problem import Linearisation, Problem
-from eldir_calibration.dynamics._residuals import Residual, compute_residual
+from eldir_calibration.dynamics._problem import Linearisation, Problem, Residual, compute_residual
 from eldir_calibration.dynamics.configuration import DEFAULT_CONFIG
 from eldir_calibration.dynamics.recording import (
     Recording,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from eldir_cad.multibody.model import Multibody, on_level_table, with_equal_feet, with_pins
-from eldir_calibration.dynamics._residuals import compute_residual
+from eldir_calibration.dynamics._problem import compute_residual
 from eldir_calibration.dynamics.recording import predict_markers
 from tests.calibration.dynamics.hidden_rigs import PHASE, walker
 from tests.calibration.dynamics.mujoco_films import SecondRig, second_rig

@@ -25,7 +25,7 @@ from eldir.trajectory import Trajectory
 from eldir_app.commands.calibrate.dynamics import dynamics
 from eldir_calibration.comparison.motions import prepare_report
 from eldir_calibration.comparison.recorded_run import open_run
-from eldir_calibration.dynamics._residuals import compute_residual
+from eldir_calibration.dynamics._problem import compute_residual
 from eldir_calibration.dynamics.recording import FilmedBody, Measurements, Recording, predict_markers
 from eldir_calibration.identification.identification import read_filmed_gait, read_films, read_recording
 from eldir_hardware.log.recorder import Recorder

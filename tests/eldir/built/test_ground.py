@@ -217,6 +217,20 @@ def test_sliding_counts_on_the_ground_wherever_it_is() -> None:
     assert tie_share(robot, lifted, plane(0.0, 0.2)) == tie_share(robot, motion.positions)
 
 
+@pytest.mark.parametrize(("lifted", "share"), [(0.0, 1.0), (1e-3, 0.0)], ids=["stands", "hovers"])
+@pytest.mark.parametrize("turned", [0.0, 12.0, 30.0])
+def test_sliding_of_hubs_counts_on_whichever_corner_they_stand(turned: float, lifted: float, share: float):
+    """Both feet move uphill by 1 mm in each instant and bear the same load. Their lowest corners stand on the
+    slope, or 1 mm above it."""
+    slope, corner = 0.4, KINDS["hubs"].corner
+    robot = strip((0, 0), (0.05, 0.02), (2e-3, 2e-3), KINDS["hubs"])
+    angles = np.radians([turned, turned, turned - 60, turned - 60])
+    rise = (np.cos(angles) + slope * np.sin(angles)).max() - 1
+    x = np.arange(5)[:, None] * 1e-3 + np.array([0.0, 0.05])
+    positions = np.stack([x, slope * x + corner * rise + lifted], axis=2)
+    assert tie_share(robot, positions, plane(slope)) == share
+
+
 def test_what_is_refused() -> None:
     robot = build(bodies(1)[0])
     arguments = [robot], [swing(robot, 3)], 0.01

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import runpy
 from dataclasses import asdict, replace
 
 import numpy as np
@@ -16,6 +17,7 @@ from eldir.parameters.springs import SpringParameters
 from eldir.parameters.uncertain import PARAMETERS, applicable_parameters
 from eldir_hardware.virtual.bodies import sample_large_spread
 from tests.calibration.dynamics.hidden_rigs import SOFT, heating, walker
+from tests.paths import ROOT
 
 HUBS = replace(SOFT, printed=SOFT.printed.with_hubs())
 
@@ -66,7 +68,10 @@ def test_every_parameter_changes_its_fields() -> None:
 
 
 def test_only_hubs_have_friction_in_sockets() -> None:
-    assert set(PARAMETERS) - set(applicable_parameters(SOFT.printed)) == {"socket_friction"}
+    absent = set(PARAMETERS) - set(applicable_parameters(SOFT.printed))
+    acting = {f for f in asdict(SOFT.printed) if SOFT.printed.acts(f)} | set(asdict(SOFT.springs))
+    idle = {name for name, parameter in PARAMETERS.items() if acting.isdisjoint(parameter.powers)}
+    assert "socket_friction" in absent and absent == idle
     assert applicable_parameters(HUBS.printed) == tuple(PARAMETERS)
     assert applicable_parameters(BuiltParameters.clamped(), ("socket_friction", "buckling")) == ("buckling",)
 
@@ -74,6 +79,22 @@ def test_only_hubs_have_friction_in_sockets() -> None:
 def test_defaults_are_the_rigs() -> None:
     assert set(PARAMETERS["weight"].powers) <= set(BuiltParameters().to_json())
     assert set(PARAMETERS["heat"].powers) <= set(vars(SpringParameters()))
+
+
+def test_the_page_has_the_tables_of_the_fields() -> None:
+    written = runpy.run_path(str(ROOT / "docs" / "site" / "parameters.py"))
+    page = (ROOT / "docs" / "reference" / "dynamics.md").read_text()
+    assert page == written["page_text"](), "run: python docs/site/parameters.py"
+    assert "| `current` | 25 % | `current_limit`, `supply_voltage` | supply setting" in page
+    assert "| `hot_length` [m] | 15 % | 1 mm | 2 % | 10 to 20 % |" in page
+
+
+def test_quantities_have_the_units_of_their_fields() -> None:
+    units = {name: quantity.unit for name, quantity in QUANTITIES.items()}
+    assert len(units) == len(PARAMETERS)
+    expected = {"friction": "1", "hot_length": "m", "printed_mass": "kg", "cooling": "W/(m2 K)",
+                "transition": "C", "current": "A", "resistivity": "Ohm m"}  # fmt: skip
+    assert units | expected == units
 
 
 def test_far_rigs_are_far_and_each_its_own() -> None:

@@ -453,6 +453,17 @@ def test_a_guardian_that_opens_the_contacts_may_take_longer(desk):
     assert child.done == []
 
 
+def test_a_report_of_open_contacts_does_not_hurry_the_disk_that_keeps_the_state(desk):
+    """The guardian reports what it proved, and then writes to the disk, which may be busy for seconds."""
+    guardian, child = armed()
+    opened = Report(1000.6, (False, False), (40.0,), 41.0, 0.01)
+    desk.time.at[1000.5] = lambda: child.wire.send(**{"event": "opening"})
+    desk.time.at[1000.6] = lambda: child.wire.send(**{"event": "report", "report": opened})
+    desk.time.at[1005.0] = lambda: child.wire.send(**{"event": "off"})
+    guardian.disarm()
+    assert child.done == [] and desk.time.now >= 1005
+
+
 def test_a_guardian_that_hangs_before_it_opens_the_contacts(desk):
     guardian, child = armed()
     with raises(EldirError, "guardian.gone", match="hung"):

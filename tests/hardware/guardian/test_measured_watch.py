@@ -9,12 +9,12 @@ from eldir.errors import EldirError
 from eldir_hardware.clock import VirtualClock
 from eldir_hardware.current_sensor import CHIPS, Measurement
 from eldir_hardware.guardian import measured_heat
-from eldir_hardware.guardian._current_watch import CurrentWatch
 from eldir_hardware.guardian.bank import Report
 from eldir_hardware.guardian.measured_heat import (
     CONTACT_DELAY,
     CURRENT_SETTLING,
     CurrentFlowsError,
+    CurrentWatch,
     HeatBounds,
     MeasuredHeat,
     UnexpectedHeatError,

@@ -34,8 +34,7 @@ from eldir_hardware.rig.template import virtual_rig
 from eldir_hardware.run.drive import DriveConfig, drive_rig
 from eldir_hardware.safety.compatibility import with_digests
 from eldir_hardware.virtual.rig import BodyFrame
-from eldir_hardware.vision.live_tracking import LiveTracker
-from eldir_hardware.vision.pipeline import track_frames
+from eldir_hardware.vision.pipeline import LiveTracker, track_frames
 from eldir_hardware.vision.virtual_camera import VirtualCamera
 from tests.eldir.random_design import make_design
 from tests.hardware.markers.other_things_in_view import reflect

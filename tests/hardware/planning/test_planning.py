@@ -10,8 +10,7 @@ from eldir.built.samples import SampledWalks
 from eldir.lattice import Lattice
 from eldir_hardware.planning import plan as planning
 from eldir_hardware.planning.compiler import compile_schedule
-from eldir_hardware.planning.heat_prediction import describe_walk, draw_heat, predict_cycle
-from eldir_hardware.planning.plan import find_timing
+from eldir_hardware.planning.plan import describe_walk, draw_heat, find_timing, predict_cycle
 from eldir_hardware.rig.supply import LimitError
 from eldir_hardware.schedule import PredictedWalk, SchedulePrediction
 from tests.eldir.random_design import make_design

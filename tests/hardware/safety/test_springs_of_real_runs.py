@@ -11,7 +11,7 @@ import yaml
 from eldir_hardware.guardian.client import Guardian
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.template import virtual_rig
-from eldir_hardware.run.opened_rig import open_bank
+from eldir_hardware.run.drive import open_bank
 from eldir_hardware.safety.latch import unlatch
 from eldir_hardware.safety.limits import LimitError
 from eldir_hardware.safety.spring_memory import (

@@ -10,6 +10,7 @@ import numpy as np
 from eldir.built.gait import FreeLengths
 from eldir.core.records import FloatArray
 from eldir.morphology import Morphology
+from eldir.parameters.printed import BuiltParameters
 from eldir_cad.kit.printer import load_printer
 from eldir_cad.kit.specification import load_specification
 from eldir_cad.multibody.hubs import Inertia
@@ -31,9 +32,16 @@ def small(
     """Hubs that are points, without gravity and drag, unless changed."""
     plain = Multibody(
         hubs, strips, coils, socket=0.0, corner=0.0, contact_radius=6e-3, max_rotation=None,
-        socket_friction=0.0, drag=0.0, gravity=0.0,
+        socket_friction=0.0, parameters=BuiltParameters(drag=0.0), gravity=0.0,
     )  # fmt: skip
-    return replace(plain, **changes)
+    return changed(plain, changes)
+
+
+def changed(model: Multibody, changes: dict[str, object]) -> Multibody:
+    """The model with other values of itself, or of its robot's parameters."""
+    own = {name: value for name, value in changes.items() if not hasattr(model, name)}
+    parameters = replace(model.parameters, **own)
+    return replace(model, parameters=parameters, **{n: v for n, v in changes.items() if n not in own})
 
 
 def strip(length: float = LENGTH) -> Strip:
@@ -42,7 +50,7 @@ def strip(length: float = LENGTH) -> Strip:
 
 def robot(body: Morphology, **changes: object) -> Multibody:
     """The nominal robot of a body."""
-    return replace(build_multibody(body, load_specification(), load_printer("xip")), **changes)
+    return changed(build_multibody(body, load_specification(), load_printer("xip")), changes)
 
 
 def pinned(body: Morphology, **changes: object) -> Multibody:
@@ -55,7 +63,7 @@ def pinned(body: Morphology, **changes: object) -> Multibody:
         hub(float(x), float(y), mass=float(2 * m), friction=one.friction)
         for (x, y), m, one in zip(there.positions, there.masses, model.hubs, strict=True)
     ]
-    return replace(model, hubs=hubs, **changes)
+    return changed(replace(model, hubs=hubs), changes)
 
 
 def walk(model: Multibody, table: FreeLengths, cycles: int) -> tuple[float, FloatArray]:

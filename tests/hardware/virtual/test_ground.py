@@ -98,3 +98,14 @@ def test_a_body_of_the_rig_stands_on_the_terrain() -> None:
     assert np.abs(centres - plane_of_engine.positions).max() < 0.004
     with raises(InputError, "input.wrong-value", "terrain"):
         MujocoBody(body, 3, SpringParameters(), terrain=plane(30.0))
+
+
+@pytest.mark.parametrize("start", [-30.0, 0.0, 30.0])
+def test_the_first_and_the_last_segment_have_no_end(start: float) -> None:
+    """Wherever the terrain's segments begin, there is ground under the robot, before it and behind it."""
+    ground = Terrain(start + np.array([0.0, 0.1]), np.zeros(2), np.full(2, 0.05))
+    for place in (0.0, 0.25, 8.0, -8.0):
+        motion = MujocoMotion(small([hub(0.0), hub(0.5)], gravity=-9.81, terrain=ground), FREE)
+        motion.data.qpos[0] += place
+        motion.follow(np.zeros((6, 0)), 0.05)
+        assert motion.positions[0] == pytest.approx([place, 0.05], abs=1e-3)

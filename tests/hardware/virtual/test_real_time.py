@@ -9,7 +9,7 @@ from eldir_hardware.emulator.board import EmulatedBoard
 from eldir_hardware.guardian.bank import HeaterBank, Report
 from eldir_hardware.guardian.client import Guardian
 from eldir_hardware.rig.configuration import Rig
-from eldir_hardware.run.opened_rig import open_virtual_bank
+from eldir_hardware.run.drive import open_virtual_bank
 from eldir_hardware.virtual.rig import VirtualRig
 from tests.hardware.emulated_rigs import rig_file
 from tests.hardware.rigs_and_schedules import rig_with

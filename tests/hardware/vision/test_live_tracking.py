@@ -7,8 +7,7 @@ import pytest
 
 from eldir.errors import EldirError
 from eldir_hardware.camera.plane import Image, Plane, TagBoard
-from eldir_hardware.vision.live_tracking import LiveTracker
-from eldir_hardware.vision.pipeline import track_frames
+from eldir_hardware.vision.pipeline import LiveTracker, track_frames
 from eldir_hardware.vision.recording_setup import CALIBRATION_FRAMES
 from eldir_hardware.vision.virtual_camera import VirtualCamera
 from tests.hardware.vision.walking_films import BODY, MARKED, NAMES

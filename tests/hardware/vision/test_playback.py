@@ -17,7 +17,7 @@ from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.template import virtual_rig
 from eldir_hardware.run.filming import RobotCamera, virtual_camera
 from eldir_hardware.virtual.bodies import BodyProcess, EngineBody
-from eldir_hardware.vision.live_tracking import LiveOverlay
+from eldir_hardware.vision.pipeline import LiveOverlay
 from eldir_hardware.vision.recording_setup import load_recorded_lens
 from eldir_hardware.vision.sources import timed_pictures
 from tests.eldir.random_design import make_design

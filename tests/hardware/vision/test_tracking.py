@@ -28,9 +28,8 @@ from eldir_hardware.log.recorder import Recorder
 from eldir_hardware.markers import discs
 from eldir_hardware.run.filming import visible_range
 from eldir_hardware.schedule import ActuationSchedule, SchedulePrediction
-from eldir_hardware.vision.live import CameraDevice
 from eldir_hardware.vision.pipeline import track_frames
-from eldir_hardware.vision.sources import open_source, recording_time
+from eldir_hardware.vision.sources import CameraDevice, open_source, recording_time
 from eldir_hardware.vision.tracking_quality import TrackingQuality
 from eldir_hardware.vision.virtual_camera import VirtualCamera
 from tests.eldir.random_design import make_design

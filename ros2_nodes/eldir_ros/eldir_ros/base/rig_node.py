@@ -22,8 +22,7 @@ from rclpy.qos import QoSProfile
 from rclpy.timer import Timer
 
 from eldir.errors import EldirError
-from eldir_ros.base.message_types import COMPLETE, LATCHED, message_class, new_message
-from eldir_ros.base.node_parameters import declare_flag, get_value
+from eldir_ros.base.interfaces import COMPLETE, LATCHED, declare_flag, get_value, message_class, new_message
 from eldir_ros.remote.heartbeats import PERIOD, Heartbeats
 
 _SHUTDOWN_TIMEOUT = 8.0  # until everything is off [s]
@@ -93,6 +92,10 @@ class RigNode(LifecycleNode):
     # Each of these has a callback group of its own, and they take turns by the lock `transition`. In a common
     # group the executor would always take the first that is ready, in the order in which they were made, and
     # timers first of all: with a picture always waiting, nothing else would ever be heard.
+
+    def advertise(self, kind: str, topic: str, quality: QoSProfile) -> Any:
+        """A publisher of messages of a kind."""
+        return self.create_publisher(message_class(kind), topic, quality)
 
     def listen(self, kind: str, topic: str, callback: Callable[[Any], None], quality: QoSProfile) -> None:
         """Subscribe. One message at a time is worked on, and never while the state of the lifecycle changes;

@@ -2,7 +2,7 @@
 # Use of this source code is governed by an MIT-style license that can be found in the LICENSE file or at
 # https://opensource.org/licenses/MIT.
 
-"""Nodes in a process: spun until SIGINT or SIGTERM, then shut down with everything off."""
+"""Nodes in a process: joined to the graph, spun until SIGINT or SIGTERM, then shut down with all off."""
 
 from __future__ import annotations
 
@@ -10,16 +10,17 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 
 import rclpy
+from rclpy._rclpy_pybind11 import RCLError
 from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from eldir.errors import EldirError
-from eldir_ros.base.joining import ros_errors_as_eldir_errors
 from eldir_ros.base.node_log import forward_records
 
 _SPIN_TIMEOUT = 0.2  # until a node checks whether it has shut down [s]
@@ -93,3 +94,24 @@ def _spin(
     except Exception as error:
         failures.append(f"{type(error).__name__}: {error}")
     ended.set()
+
+
+@contextmanager
+def ros_errors_as_eldir_errors() -> Iterator[None]:
+    """Raise errors of the middleware in this context as `EldirError`, with the reason in one line.
+
+    With SROS 2 a program may use only the names that its enclave allows.
+    """
+    try:
+        yield
+    except RCLError as error:
+        reason = str(error).splitlines()[0].split(", at ")[0]
+        if os.environ.get("ROS_SECURITY_ENABLE") != "true":
+            raise EldirError(f"the graph cannot be joined: {reason}") from error
+        enclave = os.environ.get("ROS_SECURITY_ENCLAVE_OVERRIDE", "/")
+        raise EldirError(
+            f"the graph cannot be joined: {reason}",
+            expected="keys and permissions for what this program does (SROS 2)",
+            found=f"enclave {enclave}",
+            remedy="name an enclave that may do it in ROS_SECURITY_ENCLAVE_OVERRIDE",
+        ) from error

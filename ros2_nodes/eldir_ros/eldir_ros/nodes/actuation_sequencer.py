@@ -17,8 +17,17 @@ from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallb
 
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.schedule import ActuationSchedule
-from eldir_ros.base.message_types import COMPLETE, LATCHED, message_class, new_message
-from eldir_ros.base.node_parameters import declare_number, declare_text, declare_texts, get_file, get_value
+from eldir_ros.base.interfaces import (
+    COMPLETE,
+    LATCHED,
+    declare_number,
+    declare_text,
+    declare_texts,
+    get_file,
+    get_value,
+    message_class,
+    new_message,
+)
 from eldir_ros.base.rig_node import RigNode
 from eldir_ros.base.spinning import spin
 from eldir_ros.conversions import board, runs, time_of
@@ -46,10 +55,8 @@ class ActuationSequencerNode(RigNode):
         """Goals that were accepted and have not ended."""
         self._playing_lock, self._goals_lock = threading.Lock(), threading.Lock()
         self._client_heartbeats = Heartbeats(CLIENT_TIMEOUT)
-        self.commands = self.create_publisher(
-            message_class("eldir_msgs/msg/HeatCommand"), "relay_board/commands", COMPLETE
-        )
-        self.run_states = self.create_publisher(message_class("eldir_msgs/msg/Run"), "run", LATCHED)
+        self.commands = self.advertise("eldir_msgs/msg/HeatCommand", "relay_board/commands", COMPLETE)
+        self.run_states = self.advertise("eldir_msgs/msg/Run", "run", LATCHED)
         self.create_subscription(
             message_class("eldir_msgs/msg/BoardState"),
             "relay_board/states",

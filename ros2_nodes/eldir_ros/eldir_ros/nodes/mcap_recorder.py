@@ -21,9 +21,17 @@ from eldir_hardware.camera.lens import Lens
 from eldir_hardware.camera.plane import Plane, TagBoard
 from eldir_hardware.log.background import RunRecording
 from eldir_hardware.rig.configuration import Rig
-from eldir_hardware.vision.live_tracking import FIRST_PICTURE_KEY
-from eldir_ros.base.message_types import COMPLETE, LATCHED, PICTURES
-from eldir_ros.base.node_parameters import declare_pictures, declare_text, find_file, get_file, get_value
+from eldir_hardware.vision.pipeline import FIRST_PICTURE_KEY
+from eldir_ros.base.interfaces import (
+    COMPLETE,
+    LATCHED,
+    PICTURES,
+    declare_pictures,
+    declare_text,
+    find_file,
+    get_file,
+    get_value,
+)
 from eldir_ros.base.rig_node import RigNode
 from eldir_ros.base.spinning import spin
 from eldir_ros.conversions import board, marks, nanoseconds, pictures, runs

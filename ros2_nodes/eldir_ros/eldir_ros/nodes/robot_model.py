@@ -18,10 +18,16 @@ from eldir.parameters.printed import BuiltParameters
 from eldir_cad.geometry.assembly import assemble
 from eldir_cad.kit.specification import load_specification
 from eldir_cad.multibody.hubs import hub_name, hub_shapes
-from eldir_cad.multibody.urdf import urdf_text
 from eldir_hardware.vision.whole_body import estimate_body, estimate_hub_angles
-from eldir_ros.base.message_types import COMPLETE, LATCHED, RELIABLE, message_class, new_message
-from eldir_ros.base.node_parameters import declare_text, frame_name, get_file
+from eldir_ros.base.interfaces import (
+    COMPLETE,
+    LATCHED,
+    RELIABLE,
+    declare_text,
+    frame_name,
+    get_file,
+    new_message,
+)
 from eldir_ros.base.rig_node import RigNode
 from eldir_ros.base.spinning import spin
 from eldir_ros.conversions import marks, robot
@@ -33,16 +39,10 @@ class RobotModelNode(RigNode):
     def __init__(self, **options: Any):
         super().__init__("robot_model", **options)
         declare_text(self, "design", "Design file of the robot.")
-        self._description = self.create_publisher(
-            message_class("std_msgs/msg/String"), "robot_description", LATCHED
-        )
-        self._joints = self.create_publisher(
-            message_class("sensor_msgs/msg/JointState"), "joint_states", RELIABLE
-        )
-        self._frames = self.create_publisher(message_class("tf2_msgs/msg/TFMessage"), "/tf", COMPLETE)
-        self._springs = self.create_publisher(
-            message_class("visualization_msgs/msg/MarkerArray"), "robot_springs", RELIABLE
-        )
+        self._description = self.advertise("std_msgs/msg/String", "robot_description", LATCHED)
+        self._joints = self.advertise("sensor_msgs/msg/JointState", "joint_states", RELIABLE)
+        self._frames = self.advertise("tf2_msgs/msg/TFMessage", "/tf", COMPLETE)
+        self._springs = self.advertise("visualization_msgs/msg/MarkerArray", "robot_springs", RELIABLE)
         self.listen("visualization_msgs/msg/MarkerArray", "marks", self._on_marks, COMPLETE)
         self._ground = frame_name(self, marks.FRAME_ID)
         self._design: Design | None = None
@@ -62,7 +62,7 @@ class RobotModelNode(RigNode):
         files = {hub: self._parts / f"{hub_name(hub)}.stl" for hub in shapes}
         for hub, file in files.items():
             write_bytes(file, shapes[hub])
-        text = urdf_text("robot", {hub: file.as_uri() for hub, file in files.items()}, middle)
+        text = robot.urdf_text("robot", {hub: file.as_uri() for hub, file in files.items()}, middle)
         self._description.publish(new_message("std_msgs/msg/String", data=text))
         self._rest = design.morphology.positions * BuiltParameters().scale
         self._design = design

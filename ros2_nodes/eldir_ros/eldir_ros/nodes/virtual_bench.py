@@ -24,8 +24,14 @@ from eldir_hardware.rig.sections import VirtualCameraEntry
 from eldir_hardware.safety.latch import unlatch
 from eldir_hardware.virtual.bodies import BodyProcess
 from eldir_hardware.virtual.rig import BodyFrame, VirtualRig
-from eldir_ros.base.message_types import RELIABLE, message_class, new_message
-from eldir_ros.base.node_parameters import declare_text, find_file, frame_name, get_file
+from eldir_ros.base.interfaces import (
+    RELIABLE,
+    declare_text,
+    find_file,
+    frame_name,
+    get_file,
+    new_message,
+)
 from eldir_ros.base.spinning import spin
 from eldir_ros.conversions import marks
 
@@ -43,9 +49,7 @@ class VirtualBenchNode(Node):
         declare_text(
             self, "trace", "File for the times when contacts closed and opened, as of `eldir rig emulate`."
         )
-        self._masses = self.create_publisher(
-            message_class("geometry_msgs/msg/PoseArray"), "bench/masses", RELIABLE
-        )
+        self._masses = self.advertise("geometry_msgs/msg/PoseArray", "bench/masses", RELIABLE)
         self._ground = frame_name(self, marks.FRAME_ID)
         self._edges_written = 0
         self._opened = ExitStack()

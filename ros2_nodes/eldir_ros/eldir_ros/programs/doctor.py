@@ -19,8 +19,8 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 
 from eldir.errors import EldirError
-from eldir_ros.base.joining import ros_errors_as_eldir_errors
-from eldir_ros.base.message_types import COMPLETE, LATCHED, PICTURES, message_class
+from eldir_ros.base.interfaces import COMPLETE, LATCHED, PICTURES, message_class
+from eldir_ros.base.spinning import ros_errors_as_eldir_errors
 from eldir_ros.conversions import nanoseconds
 from eldir_ros.remote.graph_check import GraphSnapshot, examine
 

@@ -26,8 +26,8 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
 from eldir.errors import EldirError
-from eldir_ros.base.joining import ros_errors_as_eldir_errors
-from eldir_ros.base.message_types import COMPLETE, LATCHED, message_class, new_message
+from eldir_ros.base.interfaces import COMPLETE, LATCHED, message_class, new_message
+from eldir_ros.base.spinning import ros_errors_as_eldir_errors
 from eldir_ros.conversions import runs
 from eldir_ros.remote.heartbeats import PERIOD, Heartbeats
 

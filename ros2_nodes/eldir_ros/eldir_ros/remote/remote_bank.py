@@ -2,13 +2,15 @@
 # Use of this source code is governed by an MIT-style license that can be found in the LICENSE file or at
 # https://opensource.org/licenses/MIT.
 
-"""The springs behind the relay board node, as a `HeaterBank` for the toolkit's player."""
+"""The springs behind the relay board node, as a `HeaterBank` for the toolkit's player, and which of its
+commands that node has obeyed."""
 
 from __future__ import annotations
 
 import queue
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Protocol
 
@@ -23,6 +25,7 @@ from eldir_ros.conversions.runs import ABORT, END_OF_RUN, KEEPALIVE
 _BOARD_TIMEOUT = 1.2  # without a report for so long, the board node counts as dead [s]
 _KEEPALIVE_INTERVAL = 0.1  # [s]
 _OFF_TIMEOUT = 3.0  # until every contact must have been reported open [s]
+_MAX_COMMANDS = 100  # a report is younger than a second, a command comes every 0.1 s
 
 
 class InterruptedRunError(EldirError):
@@ -197,3 +200,27 @@ class RemoteBank(HeaterBank):
         missing = self._missing()
         if missing:
             raise InterruptedRunError(runs.STOPPED, "; ".join(missing))
+
+
+class ObeyedCommands:
+    """Sequence numbers of commands and when they were obeyed, on the clock of the board's readings [s], so
+    that a report can name the latest one before it."""
+
+    def __init__(self) -> None:
+        self._obeyed: deque[tuple[float, str, int]] = deque(maxlen=_MAX_COMMANDS)
+
+    def require_new(self, run: str, sequence: int) -> None:
+        """Raise `ValueError` for a command that is repeated or late in its run."""
+        _, last_run, last = self._obeyed[-1] if self._obeyed else (0.0, "", 0)
+        previous = last if run == last_run else 0
+        if sequence <= previous:
+            raise ValueError(f"its sequence is {sequence}, expected more than {previous}")
+
+    def add(self, run: str, sequence: int, now: float) -> None:
+        """Record a command that was obeyed at `now` [s]."""
+        self._obeyed.append((now, run, sequence))
+
+    def before(self, t: float) -> tuple[str, int]:
+        """Run and sequence of the last command that was obeyed before `t`; 0 if there is none."""
+        earlier = [(run, sequence) for at, run, sequence in self._obeyed if at < t]
+        return earlier[-1] if earlier else ("", 0)
