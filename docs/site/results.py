@@ -6,6 +6,7 @@ imports, and a listing has ten thousand runs. Tests compare the files with the s
 
 from __future__ import annotations
 
+from dataclasses import field
 from typing import Annotated, Literal
 
 from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt
@@ -206,10 +207,21 @@ class SimplifiedWalks(Record):
 
 
 @record
+class OtherWalks(SimplifiedWalks):
+    """Time and error of another physics, over fewer samples and one turn. Its joints, strips and contacts are
+    modelled differently: the difference is not its error alone."""
+
+    samples: PositiveInt
+    """Number of samples of each robot, the first of all."""
+
+
+@record
 class Built(Benchmark):
     """Result of `eldir benchmark built`."""
 
     FORMAT = "eldir-benchmark-built/1"
+    OPTIONAL = frozenset({"others"})
+    """What older files lack."""
 
     robots: PositiveInt
     """Number of robots that were simulated."""
@@ -221,6 +233,8 @@ class Built(Benchmark):
     """Processor time of heating one robot's springs for one counted cycle [s]; median over turns."""
     ways: dict[str, SimplifiedWalks]
     """Results of each simplification, by its name; the first is exact."""
+    others: dict[str, OtherWalks] = field(default_factory=dict)
+    """Results of other physics that are installed, by name, against the exact walks of the same samples."""
 
 
 @record

@@ -4,6 +4,9 @@ Robots that walk, each with its gait, are simulated with pins or hubs, real or s
 cycles, and with more inertia. The error is the difference of the mean walk of eight samples from that with
 hubs, real strips and five cycles: samples are the same in all, so it is the simplification's alone. Walks of
 robots that fall, or that hardly move, would tell little about robots that walk.
+
+Another physics, such as MuJoCo's, takes much longer. It walks the first samples of each robot once, and is
+compared with the exact walks of the same samples.
 """
 
 from __future__ import annotations
@@ -11,7 +14,7 @@ from __future__ import annotations
 import inspect
 import json
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -33,7 +36,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Say = Callable[[str], None]
+WalkSample = Callable[[Morphology, RobotParameters, FreeLengths, int], float]
+"""The walk of one sample of a robot in another physics, under prescribed free lengths, over so many counted
+cycles [body lengths per five cycles]; minus infinity where it falls."""
 _SAMPLES = 8
+_OTHER_SAMPLES = 2
 _SEED = 4711
 _FEW = 3  # robots of a quick measurement
 REAL = BuiltParameters.tension
@@ -103,8 +110,9 @@ def _walker(
     return Walker(develop(lattice, Genotype(mask, springs)), gait)
 
 
-def measure(quick: bool, say: Say) -> dict[str, Any]:
-    """Measure all figures; `say` is called with a line after each part."""
+def measure(quick: bool, say: Say, others: Mapping[str, WalkSample] | None = None) -> dict[str, Any]:
+    """Measure all figures; `say` is called with a line after each part. `others` are other physics, by
+    name."""
     robots, turns = (walkers()[:_FEW], 1) if quick else (walkers(), 3)
     walks = {name: np.full(len(robots), np.nan) for name in SIMPLIFICATIONS}
     seconds = {name: np.zeros(turns) for name in SIMPLIFICATIONS}
@@ -128,12 +136,17 @@ def measure(quick: bool, say: Say) -> dict[str, Any]:
     rows = {name: _row(walks[name], walks[EXACT], seconds[name]) for name in SIMPLIFICATIONS}
     for name, row in rows.items():
         say(f"{name}: {row}")
+    samples = 1 if quick else _OTHER_SAMPLES
+    other_rows = {name: _compare_other(walk, robots, samples) for name, walk in (others or {}).items()}
+    for name, row in other_rows.items():
+        say(f"{name}: {row}")
     return {
         "robots": len(robots),
         "samples": _SAMPLES,
         "turns": turns,
         "heat_s": round(float(np.median(heating)), 5),
         "ways": rows,
+        "others": other_rows,
     }
 
 
@@ -153,6 +166,29 @@ def mean_walk(robot: Walker, variant: Simplification, seed: int = _SEED) -> floa
     built = [build(robot.body, s).coarse(*simpler) for s in samples]
     walks = displacements(built, tables, variant.cycles, nominal.free_lengths)
     return float(count_falls_as_zero(walks).mean())
+
+
+def _compare_other(walk: WalkSample, robots: Sequence[Walker], samples: int) -> dict[str, float]:
+    """Time and error of another physics: the first samples of each robot walk once."""
+    variant = SIMPLIFICATIONS[EXACT]
+    nominal = RobotParameters(BuiltParameters().with_hubs() if variant.hubs else BuiltParameters())
+    walks, exact, spent = np.zeros((len(robots), samples)), np.zeros((len(robots), samples)), 0.0
+    with limit_threads(1):
+        for r, robot in enumerate(robots):
+            own, tables = _heated(robot, nominal, variant.cycles)
+            own, tables = own[:samples], tables[:samples]
+            built = [build(robot.body, s) for s in own]
+            exact[r] = displacements(built, tables, variant.cycles, nominal.free_lengths)
+            began = time.process_time()
+            _heated(robot, nominal, variant.cycles)
+            heat = (time.process_time() - began) / _SAMPLES
+            began = time.process_time()
+            walks[r] = [
+                walk(robot.body, s, table, variant.cycles) for s, table in zip(own, tables, strict=True)
+            ]
+            spent += (time.process_time() - began) / samples + heat
+    mean, exact_mean = (count_falls_as_zero(each).mean(axis=1) for each in (walks, exact))
+    return {"samples": samples, **_row(mean, exact_mean, np.array([spent / len(robots)]))}
 
 
 def _heated(
@@ -186,6 +222,9 @@ def plot(values: dict[str, Any]) -> Figure:
         colour, fill = ("tab:blue", "full") if hubs else ("tab:orange", "none")
         at = row["seconds_per_walk"], row["rms_difference"]
         axes.plot(*at, marker, ms=8, label=name, color=colour, fillstyle=fill)
+    for (name, row), marker in zip(values["others"].items(), "*hd", strict=False):
+        at = row["seconds_per_walk"], row["rms_difference"]
+        axes.plot(*at, marker, ms=10, label=name, color="black", ls="none")
     figure.legend(loc="outside right upper", fontsize=8)
     axes.axvline(values["heat_s"], color="grey", lw=0.8)
     axes.annotate("heat alone", (values["heat_s"], 0.98), xycoords=("data", "axes fraction"), rotation=90,

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -69,18 +70,30 @@ def stability(*, out: Out, quick: Quick = False) -> None:
 def built(*, out: Out, quick: Quick = False) -> None:
     """Measure the time of a walk of the printed robot against the error of pins, soft strips and one cycle.
 
+    With MuJoCo installed, also the time of a walk there and how far its walks differ.
+
     Example: eldir benchmark built --quick --out built
     """
-    _measure("built", out, quick)
+    from eldir.benchmark.measurement import say
+
+    others = {}
+    if find_spec("mujoco") is None:
+        say("MuJoCo is left out: pip install 'eldir[mujoco]'")
+    else:
+        from eldir_calibration.transfer.compared_walks import walk_given_robot
+        from eldir_hardware.virtual.mujoco_body import mujoco_version
+
+        others[f"{mujoco_version()}, 5 cycles"] = walk_given_robot
+    _measure("built", out, quick, others=others)
 
 
-def _measure(name: str, out: Path, quick: bool) -> None:
+def _measure(name: str, out: Path, quick: bool, **options: Any) -> None:
     """Measure, and save the numbers and their plot."""
     from eldir.benchmark.measurement import save, say
     from eldir.core.files import require_new
 
     require_new(out)
     benchmark = import_module(f"eldir.benchmark.{name}")
-    values = benchmark.measure(quick, say)
+    values = benchmark.measure(quick, say, **options)
     save(out, name, values, benchmark.plot(values))
     typer.echo(f"{out}/{name}.json and {out}/{name}.png")

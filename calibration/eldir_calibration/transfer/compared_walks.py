@@ -29,7 +29,10 @@ from eldir.morphology import Morphology
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
-from eldir_cad.multibody.model import Multibody, Numerics
+from eldir_cad.kit import PRINTER
+from eldir_cad.kit.printer import load_printer
+from eldir_cad.kit.specification import load_specification
+from eldir_cad.multibody.model import Multibody, Numerics, build_multibody
 from eldir_calibration.report.verdict import prediction_interval
 from eldir_hardware.virtual.mujoco_body import MujocoMotion, sample_multibody
 
@@ -73,6 +76,22 @@ def walk_sampled_robot(
     model = replace(sample, numerics=FINE_NUMERICS)
     heating = sample_heating(gait, seed, springs, cycles, design.morphology.motor_hubs)
     return measure_walk(model, design.morphology, heating, cycles, springs, cancelled)
+
+
+def walk_given_robot(
+    morphology: Morphology, robot: RobotParameters, table: FreeLengths, cycles: int
+) -> float:
+    """Walk of a robot with these parameters under prescribed free lengths, in the time steps of the virtual
+    rig [body lengths per five cycles]; minus infinity where it falls."""
+    model = build_multibody(
+        morphology,
+        load_specification(),
+        load_printer(PRINTER),
+        robot.printed,
+        strip_extensions=robot.strips if len(robot.strips) else None,
+        friction_factors=robot.feet if len(robot.feet) else None,
+    )
+    return measure_walk(model, morphology, table, cycles, robot.springs).displacement
 
 
 def sample_heating(

@@ -5,13 +5,20 @@ from pathlib import Path
 
 import jsonschema
 import numpy as np
+import pytest
 
 from benchmarks import coarse_robots
 from eldir.benchmark import built, device, skips, speed
 from eldir.benchmark.measurement import big, limit_threads, ratio, save, small, time_in_turns
+from eldir.built.gait import FreeLengths, free_lengths
 from eldir.built.robot import build
+from eldir.built.samples import NominalRobots
+from eldir.built.walking import displacements
 from eldir.engine.device.records import DeviceResult
+from eldir.morphology import Morphology
 from eldir.parameters.printed import BuiltParameters
+from eldir.parameters.robot import RobotParameters
+from eldir_calibration.transfer.compared_walks import walk_given_robot
 from tests.eldir.built.braced_robots import bodies
 from tests.paths import SCHEMAS
 
@@ -97,13 +104,34 @@ def test_built_is_written_as_its_schema_says(tmp_path: Path, monkeypatch) -> Non
     ways = {built.EXACT: hubs, "pins": pins}
     monkeypatch.setattr(built, "SIMPLIFICATIONS", ways)
     monkeypatch.setattr(built, "walkers", lambda: _WALKERS[6:8])
-    values = built.measure(True, lambda line: None)
+    others = {"the same": _walk_in_the_engine, "farther": lambda *sample: 0.5 + _walk_in_the_engine(*sample)}
+    values = built.measure(True, lambda line: None, others)
     save(tmp_path / "out", "built", values, built.plot(values))
     written = json.loads((tmp_path / "out" / "built.json").read_text())
     jsonschema.validate(written, json.loads((SCHEMAS / "benchmark-built.schema.json").read_text()))
     exact, pins = written["ways"].values()
     assert exact["rms_difference"] == 0 < pins["rms_difference"] and values["robots"] == 2
     assert written["heat_s"] < pins["seconds_per_walk"] < exact["seconds_per_walk"]
+    same, farther = written["others"].values()
+    assert same["samples"] == 1 and same["mean_difference"] == same["rms_difference"] == 0
+    assert farther["mean_difference"] == farther["rms_difference"] == 0.5
+
+
+def _walk_in_the_engine(body: Morphology, sample: RobotParameters, table: FreeLengths, cycles: int) -> float:
+    return float(displacements([build(body, sample)], [table], cycles, RobotParameters().free_lengths)[0])
+
+
+def test_a_sample_walks_in_mujoco_about_as_far_as_in_the_engine() -> None:
+    """`docs/reference/evolving-for-building.md` has the difference for nine robots."""
+    pytest.importorskip("mujoco")
+    walker = _WALKERS[0]
+    nominal = RobotParameters(BuiltParameters().with_hubs())
+    (sample,) = NominalRobots(walker.body, nominal).samples(1, 3)
+    table = free_lengths(
+        walker.gait, sample.motor_springs(walker.body.motors), 1, hubs=walker.body.motor_hubs
+    )
+    walks = [walk(walker.body, sample, table, 1) for walk in (walk_given_robot, _walk_in_the_engine)]
+    assert min(walks) > 0.3 and abs(walks[0] - walks[1]) < 0.3
 
 
 def test_the_robots_of_the_built_benchmark_walk() -> None:
