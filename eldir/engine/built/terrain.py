@@ -109,7 +109,9 @@ def _tops(terrain: Terrain, start: float, width: float, cells: int, corner: floa
     high = low + width + 2 * around
     low[0], high[-1] = -INFINITY, INFINITY
     tops = np.maximum(terrain.height(low), terrain.height(high))
-    for x in terrain.x0[1:]:
-        inside = (low <= x) & (x <= high)
-        tops[inside] = np.maximum(tops[inside], terrain.height(x))
+    corners = terrain.x0[1:]
+    heights = terrain.height(corners)
+    first, end = np.searchsorted(corners, low), np.searchsorted(corners, high, side="right")
+    for cell in np.flatnonzero(first < end):
+        tops[cell] = max(tops[cell], heights[first[cell] : end[cell]].max())
     return tops
