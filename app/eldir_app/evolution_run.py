@@ -248,12 +248,10 @@ def _print_skips(search: Search) -> None:
 
     config = search.config
     bodies = search.ask().morphologies(config.lattice)
-    skips = explain_skips(bodies, config.scene, backward=True, record=False)
     survivors = 0 if search.survivors is None else len(search.survivors.losses)
-    skips.append(
-        SkippedWork("learning of survivors", f"{survivors} so far keep the results of their first generation")
-    )
-    for skip in skips:
+    why = f"{survivors} so far keep the results of their first generation"
+    skips = explain_skips(bodies, config.scene, backward=True, record=False)
+    for skip in (*skips, SkippedWork("learning of survivors", why)):
         print(f"left out: {skip.work}: {skip.reason}", file=sys.stderr)
 
 

@@ -11,8 +11,8 @@ from math import hypot
 from pathlib import Path
 
 from eldir.core.validation import field_texts
+from eldir.parameters.annotations import LargeSpread, Tolerance, field_annotations
 from eldir.parameters.printed import BuiltParameters
-from eldir.parameters.spreads import LargeSpread, Tolerance, field_annotations
 from eldir.parameters.springs import SpringParameters
 from eldir.parameters.uncertain import PARAMETERS, UncertainParameter
 

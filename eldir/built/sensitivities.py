@@ -57,10 +57,6 @@ if TYPE_CHECKING:
     from eldir.engine.built.motion_launch import RobotArrays
 
 _STEP = 1e-3  # of a parameter's scale
-_NEEDS = {
-    "bending": ("clamped", "hubs"),
-    **dict.fromkeys(("socket", "corner", "socket_turn", "socket_friction"), ("hubs",)),
-}  # joints without which a parameter means nothing
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,9 +223,9 @@ def _parameter(drive: DriveInputs, parameter: str | Parameter) -> Parameter:
     require_known("parameter", parameter, MOTION_PARAMETERS)
     if parameter in _OTHERS:
         return _OTHERS[parameter]
-    if (joints := drive.robot.joints) not in _NEEDS.get(parameter, (joints,)):
+    if not drive.robot.parameters.acts(parameter):
         raise InputError(
-            f"robots with {joints} have no {parameter}",
+            f"robots with {drive.robot.joints} have no {parameter}",
             code="robot.other-joints",
             remedy="start from BuiltParameters().with_hubs()",
         )

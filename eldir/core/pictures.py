@@ -18,6 +18,7 @@ from eldir.core.files import new_folder, write_bytes, write_text
 
 if TYPE_CHECKING:
     from jinja2 import Environment
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 MOTOR = "#D55E00"
@@ -28,6 +29,22 @@ PASSIVE = "#9A9A9A"
 MARK = "#0072B2"
 """Marked masses m1 to m5."""
 GROUND = "#D9CDB8"
+
+
+def new_axes(width: float, height: float, **labels: str) -> tuple[Figure, Axes]:
+    """An empty figure of this size [inch] with one pair of axes; `labels` such as xlabel."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), layout="constrained")
+    axes = figure.add_subplot(**labels)
+    hide_frame(axes)
+    return figure, axes
+
+
+def hide_frame(*plots: Axes) -> None:
+    """Leave out the frame above and to the right."""
+    for axes in plots:
+        axes.spines[["top", "right"]].set_visible(False)
 
 
 def png(figure: Figure, dpi: int = 120) -> bytes:

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
 from hashlib import blake2b
 from typing import Any, NamedTuple
@@ -51,54 +51,36 @@ class SkippedWork(NamedTuple):
 
 def explain_skips(
     morphologies: Sequence[Morphology], scene: Scene, backward: bool, record: bool
-) -> list[SkippedWork]:
+) -> Iterator[SkippedWork]:
     """The computations that are skipped in this run, and why; last those that depend on the course of the
     run."""
     passive = sum(body.motors == 0 for body in morphologies)
     springs = sum(len(body.springs) for body in morphologies)
     silent = springs - sum(body.motors for body in morphologies)
-    skips = []
     if passive:
-        skips.append(
-            SkippedWork(
-                "controller, gradient and update", f"{passive} of {len(morphologies)} bodies have no motor"
-            )
+        yield SkippedWork(
+            "controller, gradient and update", f"{passive} of {len(morphologies)} bodies have no motor"
         )
     if silent:
-        skips.append(SkippedWork("controller outputs", f"{silent} of {springs} springs are passive"))
+        yield SkippedWork("controller outputs", f"{silent} of {springs} springs are passive")
     if scene.sensing == "none":
-        skips.append(
-            SkippedWork(
-                "sensing, and its gradient", "open loop: the controller receives only its pattern generators"
-            )
-        )
+        why = "open loop: the controller receives only its pattern generators"
+        yield SkippedWork("sensing, and its gradient", why)
     if not backward:
-        skips.append(SkippedWork("reverse pass and weight gradients", "no gradient is needed"))
+        yield SkippedWork("reverse pass and weight gradients", "no gradient is needed")
         if not record:
-            skips.append(
-                SkippedWork(
-                    f"history: {RING} states instead of {scene.steps + 1}",
-                    "neither gradient nor record is needed",
-                )
-            )
+            what = f"history: {RING} states instead of {scene.steps + 1}"
+            yield SkippedWork(what, "neither gradient nor record is needed")
     if scene.contact == "none":
-        skips.append(SkippedWork("contact", "free flight"))
+        yield SkippedWork("contact", "free flight")
     elif scene.contact == "no-slip":
-        skips.append(SkippedWork("search for the ground", "level ground: heights are compared"))
+        yield SkippedWork("search for the ground", "level ground: heights are compared")
     else:
-        segments = len(scene.terrain.x0)
-        skips.append(
-            SkippedWork(
-                "search for the ground", f"a grid gives the first candidate among {segments} segments"
-            )
-        )
-        skips.append(
-            SkippedWork(
-                "search for masses over the same segment, or above all ground", "they remember their segment"
-            )
-        )
-    skips.append(SkippedWork("steps after a robot has diverged", "its loss is already infinite"))
-    return skips
+        why = f"a grid gives the first candidate among {len(scene.terrain.x0)} segments"
+        yield SkippedWork("search for the ground", why)
+        what = "search for masses over the same segment, or above all ground"
+        yield SkippedWork(what, "they remember their segment")
+    yield SkippedWork("steps after a robot has diverged", "its loss is already infinite")
 
 
 def distinct(

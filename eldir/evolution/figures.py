@@ -12,7 +12,7 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from eldir.core.pictures import GROUND, MOTOR, PASSIVE
+from eldir.core.pictures import GROUND, MOTOR, PASSIVE, hide_frame, new_axes
 from eldir.core.records import FloatArray
 from eldir.evolution.history import EvaluatedRobots, RunHistory, Trend
 from eldir.lattice import Lattice
@@ -133,7 +133,7 @@ def lineage(history: RunHistory) -> Figure:
     axes.plot(born, [p.initial[0] for p in line], "o-", color=_INITIAL, label="initial")
     axes.set(xlabel="born in generation", ylabel="displacement [m]")
     whole_numbers(axes.xaxis)
-    tidy(axes)
+    hide_frame(axes)
     _legend(axes)
     chosen = np.unique(np.linspace(0, len(line) - 1, min(_ANCESTORS, len(line))).round().astype(int))
     first = None
@@ -147,21 +147,14 @@ def lineage(history: RunHistory) -> Figure:
 
 def chart(x: str, y: str) -> tuple[Figure, Axes]:
     """An empty figure with one pair of axes; whole numbers along x."""
-    figure = Figure(figsize=(6.4, 4.0), layout="constrained")
-    axes = figure.add_subplot(xlabel=x, ylabel=y)
+    figure, axes = new_axes(6.4, 4.0, xlabel=x, ylabel=y)
     whole_numbers(axes.xaxis)
-    tidy(axes)
     return figure, axes
 
 
 def whole_numbers(axis: Axis) -> None:
     """Ticks at whole numbers only, also where there is but one."""
     axis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
-
-
-def tidy(axes: Axes) -> None:
-    """Leave out the frame above and to the right."""
-    axes.spines[["top", "right"]].set_visible(False)
 
 
 def _legend(axes: Axes) -> None:

@@ -17,7 +17,15 @@ from pydantic import Field, NonNegativeFloat, PositiveFloat
 from eldir.core.arguments import require_value
 from eldir.core.records import Record, record
 from eldir.lattice import HALF_SIDE
-from eldir.parameters.spreads import LargeSpread, Prior, Tolerance, VariesWith, vary
+from eldir.parameters.annotations import (
+    ActsWith,
+    LargeSpread,
+    Prior,
+    Tolerance,
+    VariesWith,
+    field_annotations,
+    vary,
+)
 
 STRIP_SPREAD = 0.3e-3
 """Standard deviation of a printed strip's length from the drawing [m]."""
@@ -32,9 +40,9 @@ _Stiffness = Annotated[
 """Stiffness of a shape-memory spring, cold or hot."""
 _SAMPLED_FIRST = (
     "tension", "buckling", "socket_friction", "strip_damping", "active_damping", "drag", "hexagon",
-    "half_connector", "strip", "active_spring", "cold_stiffness", "friction",
+    "half_connector", "strip", "active_spring", "cold_stiffness", "friction", "bending",
 )  # fmt: skip
-"""Fields in the order in which former versions sampled them; new fields come after these by themselves."""
+"""Fields in the order in which former versions sampled them; new fields come after them, by themselves."""
 Joints = Literal["pins", "clamped", "hubs"]
 """Pins at the masses; hexagons that clamp the strips; or hubs with sockets and corners."""
 
@@ -68,17 +76,27 @@ class BuiltParameters(Record):
     """Stiffness of a strip in tension, E A / l [N/m]."""
     buckling: Annotated[PositiveFloat, Prior(0.3, _RESIN), VariesWith("weight"), Tolerance(0.1)] = 3.51
     """Euler load of a strip whose ends rotate in their sockets [N]."""
-    bending: Annotated[NonNegativeFloat, VariesWith("buckling"), VariesWith("weight"), Tolerance(0.1)] = 0.0
+    bending: Annotated[
+        NonNegativeFloat,
+        ActsWith("clamped", "hubs"),
+        VariesWith("buckling"),
+        VariesWith("weight"),
+        Tolerance(0.1),
+    ] = 0.0
     """E I / l of a strip that its hexagons bend [N m]; 0: its ends are pins, hexagons do not rotate."""
-    socket: NonNegativeFloat = 0.0
+    socket: Annotated[NonNegativeFloat, ActsWith("hubs")] = 0.0
     """Distance from a hexagon's centre to the hinges in its sockets [m]; 0: no sockets. With sockets a
     hexagon is a hub that stands on its corners, and the next three values count."""
-    corner: NonNegativeFloat = 0.0
+    corner: Annotated[NonNegativeFloat, ActsWith("hubs")] = 0.0
     """Distance from a hub's centre to its corners [m]."""
-    socket_turn: NonNegativeFloat = 0.0
+    socket_turn: Annotated[NonNegativeFloat, ActsWith("hubs")] = 0.0
     """Angle to either side by which a strip turns freely in its sockets before it is bent [rad]."""
     socket_friction: Annotated[
-        NonNegativeFloat, Prior(0.5, "not measured"), VariesWith("weight"), Tolerance(0.5, joints="hubs")
+        NonNegativeFloat,
+        ActsWith("hubs"),
+        Prior(0.5, "not measured"),
+        VariesWith("weight"),
+        Tolerance(0.5, joints="hubs"),
     ] = 0.0
     """Moment at which a strip begins to turn in a socket [N m]."""
     strip_damping: Annotated[
@@ -133,6 +151,11 @@ class BuiltParameters(Record):
         if self.socket > 0:
             return "hubs"
         return "clamped" if self.bending > 0 else "pins"
+
+    def acts(self, name: str) -> bool:
+        """Whether a field acts with these joints."""
+        where = dict(field_annotations(BuiltParameters, ActsWith)).get(name)
+        return where is None or self.joints in where.joints
 
     @property
     def scale(self) -> float:

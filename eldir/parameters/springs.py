@@ -23,7 +23,7 @@ from pydantic import Field, NonNegativeFloat, PositiveFloat
 
 from eldir.core.arguments import require_value
 from eldir.core.records import FloatArray, Record, record
-from eldir.parameters.spreads import LargeSpread, Prior, Tolerance, VariesWith, vary
+from eldir.parameters.annotations import LargeSpread, Prior, Tolerance, VariesWith, vary
 
 _MODULUS_RATIO = 0.376
 """Shear modulus over Young's modulus, 1 / 2 (1 + 0.33)."""
@@ -48,9 +48,9 @@ _AIR = np.array(  # temperature [K], conductivity [W/(m K)], kinematic viscosity
 _WINDING, _BATCH = "coils are wound and trained by hand", "data sheets, one batch"
 _SAMPLED_FIRST = (
     "heat_capacity", "convection_fan", "convection_still", "latent_heat", "austenite_start", "cold_length",
-    "hot_length",
+    "hot_length", "resistivity_martensite",
 )  # fmt: skip
-"""Fields in the order in which former versions sampled them; new fields come after these by themselves."""
+"""Fields in the order in which former versions sampled them; new fields come after them, by themselves."""
 _Celsius = Annotated[float, Field(gt=-273.15)]
 _TRANSITION = Tolerance(1.0, "absolute", shared="transition")
 

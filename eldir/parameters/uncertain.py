@@ -3,7 +3,7 @@
 A parameter has a normalised value z: 0 is nominal, 1 is one standard deviation of its prior, which comes from
 data sheets, geometry and printing (docs/reference/dynamics.md). All but the transition temperatures multiply
 their fields by exp(z spread), so that no field changes its sign. `BuiltParameters` and `SpringParameters` say
-at their fields which there are (`eldir.parameters.spreads`).
+at their fields which there are (`eldir.parameters.annotations`).
 
 Three combinations change no motion: mass and stiffness by the same factor; heat capacity and heat flow by the
 same factor; resistance against current. They are the parameters `weight`, `heat` and `resistance`, and the
@@ -14,14 +14,14 @@ combination of many.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from itertools import chain
 from typing import Any, TypeVar
 
 import numpy as np
 
+from eldir.parameters.annotations import Prior, VariesWith, field_annotations
 from eldir.parameters.printed import BuiltParameters
-from eldir.parameters.spreads import Prior, VariesWith, field_annotations
 from eldir.parameters.springs import SpringParameters
 
 _Part = TypeVar("_Part", BuiltParameters, SpringParameters)
@@ -88,7 +88,7 @@ def applicable_parameters(
     printed: BuiltParameters, names: Sequence[str] = tuple(PARAMETERS)
 ) -> tuple[str, ...]:
     """The named parameters that change a robot with these joints: only hubs have friction in sockets."""
-    absent = {field for field, value in printed.to_json().items() if value == 0}
+    absent = {f.name for f in fields(printed) if not printed.acts(f.name) or getattr(printed, f.name) == 0}
     return tuple(n for n in names if not set(PARAMETERS[n].powers) <= absent)
 
 

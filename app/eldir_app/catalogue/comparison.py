@@ -15,7 +15,7 @@ from matplotlib.ticker import MaxNLocator
 
 from eldir.built.gait import CYCLES
 from eldir.core.files import write_text
-from eldir.core.pictures import page_templates, png
+from eldir.core.pictures import hide_frame, new_axes, page_templates, png
 from eldir_app.catalogue.listing import signed, version_and_date
 from eldir_calibration.comparison.motions import track_run
 from eldir_calibration.comparison.recorded_run import LoggedRun, read_run
@@ -87,8 +87,7 @@ def figures(runs: Sequence[ComparedRun]) -> dict[str, Figure]:
 
 def plot_walk(runs: Sequence[ComparedRun]) -> Figure:
     """Mean forward displacement of the markers [mm] over time [s]."""
-    figure = Figure(figsize=(7.2, 3.4), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = new_axes(7.2, 3.4)
     for k, one in enumerate(runs):
         cycles, moved = one.motion.advance()
         axes.plot(cycles * one.motion.period, 1e3 * moved * one.motion.body_length, **_style(k, one))
@@ -98,8 +97,7 @@ def plot_walk(runs: Sequence[ComparedRun]) -> Figure:
 
 def plot_walk_by_cycle(runs: Sequence[ComparedRun]) -> Figure:
     """Walk of each cycle [body lengths per five cycles]."""
-    figure = Figure(figsize=(7.2, 3.4), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = new_axes(7.2, 3.4)
     for k, one in enumerate(runs):
         moved = one.motion.displacements()
         style = _style(k, one)
@@ -153,7 +151,7 @@ def _style(number: int, one: ComparedRun) -> dict[str, Any]:
 def _finish(axes: Axes, x: str, y: str, legend: bool = True) -> None:
     axes.set_xlabel(x)
     axes.set_ylabel(y)
-    axes.spines[["top", "right"]].set_visible(False)
+    hide_frame(axes)
     axes.grid(alpha=0.25, lw=0.5)
     if legend and axes.get_lines():
         axes.legend(frameon=False, fontsize=8)

@@ -6,13 +6,12 @@ the allowance of each number, for the printer's profile.
 
 from __future__ import annotations
 
-import csv
-import io
 from pathlib import Path
 
 from manifold3d import Manifold
 
 from eldir.core.files import new_folder, write_bytes, write_text
+from eldir.core.pictures import csv_text
 from eldir_cad.geometry.inspection import inspect, require_printable
 from eldir_cad.geometry.parts import Part, cap, make_part, socket, strip
 from eldir_cad.geometry.plates import nest
@@ -67,9 +66,6 @@ def write_coupon(
 
 def allowance_table(spec: Specification) -> str:
     """Number, clearance and allowance of each socket, as CSV [mm]."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["number", "clearance_mm", ALLOWANCE])
-    for i, clearance in enumerate(spec.coupon_steps, start=1):
-        writer.writerow([i, f"{clearance:.3f}", f"{clearance - spec.clearance:+.3f}"])
-    return text.getvalue()
+    steps = enumerate(spec.coupon_steps, start=1)
+    rows = [(i, f"{clearance:.3f}", f"{clearance - spec.clearance:+.3f}") for i, clearance in steps]
+    return csv_text(["number", "clearance_mm", ALLOWANCE], rows)

@@ -3,9 +3,7 @@
 
 from __future__ import annotations
 
-import csv
 import hashlib
-import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +12,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field, NonNegativeInt, PositiveFloat, PositiveInt
 
+from eldir.core.pictures import csv_text
 from eldir.core.records import FileRecord, Record, record
 from eldir.core.version import __version__
 from eldir.design import Design, Variant
@@ -112,7 +111,7 @@ def bill_of_materials(c: Content) -> str:
         purchased.append(("ballast", f"steel shot, {c.filling:.2f} g into each ballast holder", 2))
     rows += [[name, purpose, count, "", "", "", "", ""] for name, purpose, count in purchased]
     header = ["part", "purpose", "count", "volume_mm3", "weight_g", "file", "printed", "supports"]
-    return _csv(header, rows)
+    return csv_text(header, rows)
 
 
 def wiring_table(c: Content, connections: Wiring, leads: Sequence[Lead]) -> str:
@@ -135,15 +134,7 @@ def wiring_table(c: Content, connections: Wiring, leads: Sequence[Lead]) -> str:
         for connection in connections
     ]
     header = ["spring", "spring_in_design", "face", "mass_a", "mass_b", "relay_channel"]
-    return _csv([*header, "resistance_ohm_measured", "current_limit_a", "lead_to_top_mm"], rows)
-
-
-def _csv(header: list[str], rows: list[list[object]]) -> str:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(header)
-    writer.writerows(rows)
-    return text.getvalue()
+    return csv_text([*header, "resistance_ohm_measured", "current_limit_a", "lead_to_top_mm"], rows)
 
 
 @record

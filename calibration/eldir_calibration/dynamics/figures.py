@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from eldir.built.scene import PrintedScene
+from eldir.core.pictures import new_axes
 from eldir_calibration.dynamics.identifiability import Experiment, RangeAttribution
 
 _ZERO_CHANGE = 0.05  # changes that print as zero [mm]
@@ -17,8 +18,7 @@ _BEFORE, _AFTER, _CAMERA = "#E69F00", "#0072B2", "#000000"
 def draw_intervals(scene: PrintedScene) -> Figure:
     """Every quantity over its nominal value, with its 95 % interval; open circles were not identified."""
     listed = {n: q for n, q in scene.identification.quantities.items() if n != "transition"}
-    figure = Figure(figsize=(7.0, 0.28 * len(listed) + 0.9), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = new_axes(7.0, 0.28 * len(listed) + 0.9, xlabel="value / nominal value")
     for row, (name, q) in enumerate(reversed(listed.items())):
         low, high = (v / q.nominal for v in q.interval)
         axes.plot([low, high], [row, row], color=_AFTER, lw=2, alpha=1 if q.identified else 0.3)
@@ -48,9 +48,8 @@ def draw_intervals(scene: PrintedScene) -> Figure:
     axes.minorticks_off()
     axes.set_xlim(low, high)
     axes.set_yticks([])
-    axes.set_xlabel("value / nominal value")
     axes.set_title("Identified values with 95 % intervals; open: not identified", fontsize=9)
-    axes.spines[["top", "right", "left"]].set_visible(False)
+    axes.spines["left"].set_visible(False)
     return figure
 
 
@@ -97,8 +96,7 @@ def _to_words(name: str) -> str:
 
 def draw_experiments(found: Sequence[Experiment]) -> Figure:
     """Expected information of a film of each gait."""
-    figure = Figure(figsize=(6.0, 0.3 * len(found) + 0.9), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = new_axes(6.0, 0.3 * len(found) + 0.9)
     labels = [", ".join(f"{p:g}" for p in e.gait.phase) for e in found]
     axes.barh(range(len(found)), [e.information for e in found], color=_AFTER)
     axes.set_yticks(range(len(found)), labels, fontsize=8)
@@ -106,14 +104,12 @@ def draw_experiments(found: Sequence[Experiment]) -> Figure:
     axes.set_ylabel("phases of the motors (periods)")
     axes.set_xlabel("expected information of one more cycle (bit)")
     axes.set_title("What to film next: expected information of each gait", fontsize=9)
-    axes.spines[["top", "right"]].set_visible(False)
     return figure
 
 
 def draw_held_out(scene: PrintedScene, markers: Sequence[str]) -> Figure:
     """Vertical ranges in the held-out cycle, which the fit never saw."""
-    figure = Figure(figsize=(6.0, 3.0), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = new_axes(6.0, 3.0, ylabel="vertical range of motion (mm)")
     ranges = scene.identification.held_out_cycle.vertical_range_m
     x = np.arange(len(markers))
     for i, (kind, label, colour) in enumerate(
@@ -122,8 +118,6 @@ def draw_held_out(scene: PrintedScene, markers: Sequence[str]) -> Figure:
         values = [np.nan if v is None else 1e3 * v for v in ranges[kind]]
         axes.bar(x + 0.27 * (i - 1), values, 0.25, label=label, color=colour, hatch=("//", "..", None)[i])
     axes.set_xticks(x, markers)
-    axes.set_ylabel("vertical range of motion (mm)")
     axes.legend(frameon=False, ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1.0))
     figure.suptitle("Held-out cycle, which the fit did not see", fontsize=9)
-    axes.spines[["top", "right"]].set_visible(False)
     return figure

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from eldir.core.pictures import hide_frame, new_axes
 from eldir.core.records import BoolArray, FloatArray
 from eldir_calibration.report.comparison import MOTION_KINDS, PHASE_SAMPLES, Motion, MotionReport, mean_cycle
 from eldir_calibration.report.controls import PAPER_DISPLACEMENTS, FilmedRun, pool_displacements
@@ -46,7 +46,7 @@ _CHANNELS = ["#0072B2", "#56B4E9", "#D55E00", "#E69F00", "#009E73", "#CC79A7", "
 
 def draw_ranges(report: MotionReport) -> Figure:
     """Vertical range of motion of every mass, bars with 95 % intervals."""
-    figure, axes = _one_axes(7.0, 3.2)
+    figure, axes = new_axes(7.0, 3.2, ylabel="vertical range (mm)")
     x = np.arange(len(report.names))
     for i, kind in enumerate(MOTION_KINDS):
         estimates = report.ranges[kind]
@@ -60,14 +60,13 @@ def draw_ranges(report: MotionReport) -> Figure:
             ecolor="#777777",
         )  # fmt: skip
     axes.set_xticks(x, report.names)
-    axes.set_ylabel("vertical range (mm)")
     axes.legend(frameon=False, ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1.0))
     return figure
 
 
 def draw_paths(motions: dict[str, Motion]) -> Figure:
     """Path of each mass from its position at the start of the first cycle, where the marker has its name."""
-    figure, axes = _one_axes(7.0, 3.4)
+    figure, axes = new_axes(7.0, 3.4, xlabel="forward (mm)", ylabel="height (mm)")
     names = motions["tracked"].trajectory.names
     for kind in MOTION_KINDS:
         motion = motions[kind]
@@ -86,8 +85,6 @@ def draw_paths(motions: dict[str, Motion]) -> Figure:
                         name, place, (-6, 3), textcoords="offset points", ha="right", fontsize=8,
                         bbox={"fc": "white", "ec": "none", "alpha": 0.8, "pad": 0.5}, zorder=5,
                     )  # fmt: skip
-    axes.set_xlabel("forward (mm)")
-    axes.set_ylabel("height (mm)")
     axes.legend(frameon=False, ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1.0))
     return figure
 
@@ -109,7 +106,7 @@ def draw_heights(motions: dict[str, Motion], lag: int) -> Figure:
             )
     for name, axes in zip(names, rows, strict=True):
         axes.set_ylabel(f"{name} (mm)")
-        _hide_spines(axes)
+    hide_frame(*rows)
     rows[-1].set_xlabel("phase of the actuation cycle")
     rows[0].legend(frameon=False, ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1.0))
     return figure
@@ -117,12 +114,10 @@ def draw_heights(motions: dict[str, Motion], lag: int) -> Figure:
 
 def draw_advance(motions: dict[str, Motion]) -> Figure:
     """Forward motion over the cycles, in body lengths."""
-    figure, axes = _one_axes(7.0, 2.8)
+    figure, axes = new_axes(7.0, 2.8, xlabel="actuation cycles", ylabel="forward (body lengths)")
     for kind in MOTION_KINDS:
         axes.plot(*motions[kind].advance(), STYLES[kind], color=COLOURS[kind], label=LABELS[kind])
     axes.axhline(0, color="#999999", lw=0.6)
-    axes.set_xlabel("actuation cycles")
-    axes.set_ylabel("forward (body lengths)")
     axes.legend(frameon=False, ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1.0))
     return figure
 
@@ -132,7 +127,7 @@ def draw_cycles(image: Image, plane: Plane, motions: dict[str, Motion], lag: int
     puts the camera's phase zero, a ring, onto the mass; the evolved cycle is shifted by its lag."""
     folded = {kind: motions[kind].by_phase() for kind in MOTION_KINDS}
     places = folded["tracked"][0, 0] - mean_cycle(folded["tracked"])[0]
-    figure, axes = _one_axes(7.0, 5.0)
+    figure, axes = new_axes(7.0, 5.0)
     axes.imshow(image[..., ::-1], interpolation="lanczos")
     seen = []
     for kind in MOTION_KINDS:
@@ -158,7 +153,9 @@ def draw_cycles(image: Image, plane: Plane, motions: dict[str, Motion], lag: int
 
 def draw_runs(runs: Sequence[FilmedRun]) -> Figure:
     """Displacement of each robot with its interval, beside its prediction and the paper's robots."""
-    figure, (left, right) = _two_axes(7.0, 3.0)
+    figure = Figure(figsize=(7.0, 3.0), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    hide_frame(left, right)
     kinds = pool_displacements(runs)
     for i, (kind, walked) in enumerate(kinds.items()):
         half = 0.0 if np.isnan(walked.high) else walked.high - walked.mean
@@ -190,7 +187,8 @@ def draw_runs(runs: Sequence[FilmedRun]) -> Figure:
 
 def draw_profiles(own: dict[str, float], others: Sequence[float]) -> Figure:
     """Correlation of the profile of vertical ranges with the camera's: own motions and other bodies."""
-    figure, axes = _one_axes(7.0, 1.6)
+    label = "correlation of the markers' vertical ranges with the camera's"
+    figure, axes = new_axes(7.0, 1.6, xlabel=label)
     axes.plot(others, np.zeros(len(others)), "o", ms=7, mfc="none", mec="#777777", label="other bodies")
     for kind, value in own.items():
         axes.plot([value, value], [-0.4, 0.4], STYLES[kind], color=COLOURS[kind], lw=2, label=LABELS[kind])
@@ -198,7 +196,6 @@ def draw_profiles(own: dict[str, float], others: Sequence[float]) -> Figure:
     axes.set_ylim(-0.6, 0.6)
     axes.set_yticks([])
     axes.spines["left"].set_visible(False)
-    axes.set_xlabel("correlation of the markers' vertical ranges with the camera's")
     axes.legend(frameon=False, ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1.0))
     return figure
 
@@ -248,25 +245,5 @@ def draw_heating(
             bbox_to_anchor=(0.5, 1.0),
             borderaxespad=0.2,
         )
-    for axes in (walk, top, bottom):
-        _hide_spines(axes)
+    hide_frame(walk, top, bottom)
     return figure
-
-
-def _two_axes(width: float, height: float) -> tuple[Figure, tuple[Axes, Axes]]:
-    figure = Figure(figsize=(width, height), layout="constrained")
-    left, right = figure.subplots(1, 2)
-    _hide_spines(left)
-    _hide_spines(right)
-    return figure, (left, right)
-
-
-def _one_axes(width: float, height: float) -> tuple[Figure, Axes]:
-    figure = Figure(figsize=(width, height), layout="constrained")
-    axes = figure.subplots()
-    _hide_spines(axes)
-    return figure, axes
-
-
-def _hide_spines(axes: Axes) -> None:
-    axes.spines[["top", "right"]].set_visible(False)

@@ -16,7 +16,7 @@ from pydantic import Field
 from eldir.built.gait import Gait
 from eldir.built.walking import MAX_TIE_SHARE
 from eldir.core.files import new_folder, write_text
-from eldir.core.pictures import page_templates, png
+from eldir.core.pictures import new_axes, page_templates, png
 from eldir.core.records import Array, BoolArray, FileRecord, FloatArray, Record, Rounded, record
 from eldir.core.version import __version__
 from eldir_calibration.report.verdict import CONFIDENCE_LEVEL
@@ -242,8 +242,12 @@ def write_transfer(result: TransferResult, folder: Path) -> None:
 def draw_scatter(compared: Sequence[ComparedWalk]) -> Figure:
     """Predicted walks with their intervals against those of MuJoCo; walks that ties make doubtful have
     another form."""
-    figure = Figure(figsize=(5.8, 5.6), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = new_axes(
+        5.8,
+        5.6,
+        xlabel="predicted (body lengths per five cycles)",
+        ylabel="MuJoCo (body lengths per five cycles)",
+    )
     named: set[bool] = set()
     for one in compared:
         there = _finite(one.mujoco.displacement)
@@ -267,10 +271,7 @@ def draw_scatter(compared: Sequence[ComparedWalk]) -> Figure:
     axes.set_xlim(low, high)
     axes.set_ylim(low, high)
     axes.set_aspect("equal")
-    axes.set_xlabel("predicted (body lengths per five cycles)")
-    axes.set_ylabel("MuJoCo (body lengths per five cycles)")
     axes.legend(frameon=False, loc="upper left")
-    axes.spines[["top", "right"]].set_visible(False)
     return figure
 
 

@@ -14,11 +14,19 @@ from matplotlib.figure import Figure
 from eldir.built import ground
 from eldir.built.gait import CYCLES
 from eldir.built.robot import PrintedRobot, build, height_over_base
-from eldir.core.pictures import GROUND, MOTOR, PASSIVE, csv_text, page_templates, write_figures
+from eldir.core.pictures import (
+    GROUND,
+    MOTOR,
+    PASSIVE,
+    csv_text,
+    hide_frame,
+    page_templates,
+    write_figures,
+)
 from eldir.core.records import FloatArray
 from eldir.errors import InputError
 from eldir.evolution import tables
-from eldir.evolution.figures import chart, draw_springs, tidy, whole_numbers
+from eldir.evolution.figures import chart, draw_springs, whole_numbers
 from eldir.evolution.printed.archive import Walker
 from eldir.evolution.printed.run_folder import PrintedRun, read_status
 from eldir.morphology import Morphology
@@ -181,7 +189,7 @@ def ground_figure(best: Elite, terrain: Terrain) -> Figure:
     axes.plot(x, terrain.height(x), color=GROUND)
     axes.set_aspect("equal")
     axes.margins(0.02)
-    tidy(axes)
+    hide_frame(axes)
     return figure
 
 
@@ -201,7 +209,7 @@ def gaits_figure(elites: Sequence[Elite]) -> Figure:
                     axes.barh(at, right - left, left=left, height=0.8 * height, color=MOTOR)
     axes.set_yticks(range(len(elites)), [str(e.walker.number) for e in elites])
     axes.set(xlim=(0.0, longest), ylim=(len(elites) - 0.5, -0.5))
-    tidy(axes)
+    hide_frame(axes)
     return figure
 
 

@@ -14,9 +14,9 @@ import numpy as np
 from eldir.core.records import FloatArray
 from eldir.errors import EldirError, divergence_error
 from eldir.morphology import Morphology
+from eldir.parameters.annotations import LargeSpread, field_annotations
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
-from eldir.parameters.spreads import LargeSpread, field_annotations
 from eldir.parameters.springs import SpringParameters
 from eldir.terrain import Terrain
 from eldir_hardware.virtual.rig import DrivenBody

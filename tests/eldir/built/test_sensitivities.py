@@ -19,17 +19,15 @@ from tests.raised import raises
 INTERVAL = 0.005
 OF_BUILD = {field.name for field in fields(BuiltParameters)}
 FREE = {"cold_length": 0, "hot_length": 1}
-OF_HUBS = {"socket", "corner", "socket_turn", "socket_friction"}
-# The lag has a test of its own. Pinned strips buckle here and others bend; pinned masses do not turn.
-NO_EFFECT = {
-    "pins": {"lag", "bending", "gyration"} | OF_HUBS,
-    "clamped": {"lag", "buckling"} | OF_HUBS,
-    "hubs": {"lag", "buckling"},
-}
 KINDS = {
     "pins": BuiltParameters(),
     "clamped": BuiltParameters.clamped(),
     "hubs": BuiltParameters().with_hubs(),
+}
+# The lag has a test of its own. Pinned strips buckle here and others bend; pinned masses do not turn.
+HERE = {"pins": {"lag", "gyration"}, "clamped": {"lag", "buckling"}, "hubs": {"lag", "buckling"}}
+NO_EFFECT = {
+    joints: HERE[joints] | {name for name in OF_BUILD if not p.acts(name)} for joints, p in KINDS.items()
 }
 
 
@@ -77,6 +75,18 @@ def differences(base: DriveInputs, seed: int, name: str, step: float) -> tuple[n
 
 
 @pytest.mark.parametrize("joints", KINDS)
+def test_what_does_not_act_with_these_joints_moves_nothing(joints: str) -> None:
+    p = KINDS[joints]
+    idle = {name for name in OF_BUILD if not p.acts(name)} - {"socket", "bending"}  # which make other joints
+    assert {"corner", "socket_turn", "socket_friction"} <= idle or (joints == "hubs" and not idle)
+    base = drives(p, 7)
+    other = replace(p, **{name: getattr(p, name) + 0.3 for name in idle})
+    changed_robot = replace(base, robot=build(bodies(1, 7)[0], other))
+    step = 0.8 * stable_step(base.robot)
+    assert other.joints == joints and np.array_equal(moved(base, step), moved(changed_robot, step))
+
+
+@pytest.mark.parametrize("joints", KINDS)
 def test_tangents_are_those_of_the_motion(joints: str) -> None:
     """With motors that stretch and pull, strips that buckle, bend or stick in sockets, and feet that slip."""
     seed = 7
@@ -94,7 +104,7 @@ def test_tangents_are_those_of_the_motion(joints: str) -> None:
         expected, error_ = differences(base, seed, name, step)
         errors[name] = (float(np.abs(tangent - expected).max() / np.abs(expected).max()), error_)
     assert all(error < max(1e-6, 10 * own) for error, own in errors.values()), errors
-    assert max(own for _, own in errors.values()) < 2e-6, errors  # the differences are rounded
+    assert max(own for _, own in errors.values()) < 5e-6, errors  # the differences are rounded
     assert np.median([error for error, _ in errors.values()]) < 2e-7
 
 

@@ -93,6 +93,10 @@ class RigNode(LifecycleNode):
     # group the executor would always take the first that is ready, in the order in which they were made, and
     # timers first of all: with a picture always waiting, nothing else would ever be heard.
 
+    def advertise(self, kind: str, topic: str, quality: QoSProfile) -> Any:
+        """A publisher of messages of a kind."""
+        return self.create_publisher(message_class(kind), topic, quality)
+
     def listen(self, kind: str, topic: str, callback: Callable[[Any], None], quality: QoSProfile) -> None:
         """Subscribe. One message at a time is worked on, and never while the state of the lifecycle changes;
         a message that cannot be used is a fault, and not the end of the process."""

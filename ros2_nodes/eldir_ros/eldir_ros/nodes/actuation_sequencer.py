@@ -55,10 +55,8 @@ class ActuationSequencerNode(RigNode):
         """Goals that were accepted and have not ended."""
         self._playing_lock, self._goals_lock = threading.Lock(), threading.Lock()
         self._client_heartbeats = Heartbeats(CLIENT_TIMEOUT)
-        self.commands = self.create_publisher(
-            message_class("eldir_msgs/msg/HeatCommand"), "relay_board/commands", COMPLETE
-        )
-        self.run_states = self.create_publisher(message_class("eldir_msgs/msg/Run"), "run", LATCHED)
+        self.commands = self.advertise("eldir_msgs/msg/HeatCommand", "relay_board/commands", COMPLETE)
+        self.run_states = self.advertise("eldir_msgs/msg/Run", "run", LATCHED)
         self.create_subscription(
             message_class("eldir_msgs/msg/BoardState"),
             "relay_board/states",

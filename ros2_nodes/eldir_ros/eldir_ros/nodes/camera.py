@@ -34,7 +34,6 @@ from eldir_ros.base.interfaces import (
     frame_name,
     get_file,
     get_value,
-    message_class,
     new_message,
 )
 from eldir_ros.base.rig_node import RigNode
@@ -58,16 +57,12 @@ class CameraNode(RigNode):
         declare_text(self, "rig", "Rig file, for the virtual camera.")
         declare_text(self, "design", "Design file of the virtual robot.")
         declare_text(self, "lens", "Lens file of the camera, for camera_info. Default: the lens in a log.")
-        self._compressed = self.create_publisher(
-            message_class("sensor_msgs/msg/CompressedImage"), "camera/image_raw/compressed", ALL_PICTURES
+        self._compressed = self.advertise(
+            "sensor_msgs/msg/CompressedImage", "camera/image_raw/compressed", ALL_PICTURES
         )
-        self._raw = self.create_publisher(
-            message_class("sensor_msgs/msg/Image"), "camera/image_raw", RELIABLE
-        )
-        self._info = self.create_publisher(
-            message_class("sensor_msgs/msg/CameraInfo"), "camera/camera_info", RELIABLE
-        )
-        self._tags = self.create_publisher(message_class("std_msgs/msg/String"), "camera/tags", LATCHED)
+        self._raw = self.advertise("sensor_msgs/msg/Image", "camera/image_raw", RELIABLE)
+        self._info = self.advertise("sensor_msgs/msg/CameraInfo", "camera/camera_info", RELIABLE)
+        self._tags = self.advertise("std_msgs/msg/String", "camera/tags", LATCHED)
         self.listen("geometry_msgs/msg/PoseArray", "bench/masses", self._on_masses, NEWEST)
         self._rate = HeaderlessTopicDiagnostic(
             "pictures", self.diagnostics, FrequencyStatusParam({"min": 5.0, "max": 120.0})

@@ -40,7 +40,6 @@ from eldir_ros.base.interfaces import (
     frame_name,
     get_file,
     get_value,
-    message_class,
     new_message,
 )
 from eldir_ros.base.rig_node import RigNode
@@ -60,21 +59,15 @@ class MassTrackerNode(RigNode):
         declare_text(self, "marker", "Kind of the markers. Default: what the log's rig file names, or discs.")
         declare_number(self, "overlay_period", "Time between two overlay pictures [s].", 2.0, 0.5, 60.0)
         self._points: dict[str, Any] = {}
-        self._poses = self.create_publisher(
-            message_class("geometry_msgs/msg/PoseArray"), "marks/poses", RELIABLE
-        )
-        self._markers = self.create_publisher(
-            message_class("visualization_msgs/msg/MarkerArray"), "marks", COMPLETE
-        )
+        self._poses = self.advertise("geometry_msgs/msg/PoseArray", "marks/poses", RELIABLE)
+        self._markers = self.advertise("visualization_msgs/msg/MarkerArray", "marks", COMPLETE)
         compressed = "sensor_msgs/msg/CompressedImage"
-        self._overlays = self.create_publisher(
-            message_class(compressed), "marks/overlay/compressed", RELIABLE
-        )
+        self._overlays = self.advertise(compressed, "marks/overlay/compressed", RELIABLE)
         self.listen(compressed, "camera/image_raw/compressed", self._on_picture, declare_pictures(self))
         self.listen("std_msgs/msg/String", "camera/tags", self._on_tags, LATCHED)
         self.listen("sensor_msgs/msg/CameraInfo", "camera/camera_info", self._on_info, NEWEST)
-        self._frames = self.create_publisher(message_class("tf2_msgs/msg/TFMessage"), "/tf_static", STATIC)
-        self._planes = self.create_publisher(message_class("std_msgs/msg/String"), "camera/plane", LATCHED)
+        self._frames = self.advertise("tf2_msgs/msg/TFMessage", "/tf_static", STATIC)
+        self._planes = self.advertise("std_msgs/msg/String", "camera/plane", LATCHED)
         self._published_plane: Plane | None = None
         self._focal = 0.0
         """Focal length from camera_info [px]; 0 while it is unknown."""
@@ -114,9 +107,7 @@ class MassTrackerNode(RigNode):
         if self._received_board is not None:
             self._tracker.set_board(self._received_board)
         for name in set(self._tracker.names) - set(self._points):
-            self._points[name] = self.create_publisher(
-                message_class("geometry_msgs/msg/PointStamped"), f"marks/{name}", RELIABLE
-            )
+            self._points[name] = self.advertise("geometry_msgs/msg/PointStamped", f"marks/{name}", RELIABLE)
 
     def start(self) -> None:
         if self._tracker is not None:

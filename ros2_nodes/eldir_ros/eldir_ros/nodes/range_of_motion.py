@@ -19,7 +19,7 @@ from eldir.errors import EldirError
 from eldir_calibration.comparison.predictions import LiveRangeOfMotion, predict_motions
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.schedule import ActuationSchedule
-from eldir_ros.base.interfaces import COMPLETE, LATCHED, declare_text, get_file, message_class, new_message
+from eldir_ros.base.interfaces import COMPLETE, LATCHED, declare_text, get_file, new_message
 from eldir_ros.base.rig_node import RigNode
 from eldir_ros.base.spinning import spin
 from eldir_ros.conversions import marks, nanoseconds, runs
@@ -35,9 +35,7 @@ class RangeOfMotionNode(RigNode):
         super().__init__("range_of_motion", **options)
         declare_text(self, "rig", "Rig file (YAML, eldir-rig/1).")
         declare_text(self, "design", "Design file of the robot.")
-        self._ranges = self.create_publisher(
-            message_class("eldir_msgs/msg/RangeOfMotion"), "range_of_motion", LATCHED
-        )
+        self._ranges = self.advertise("eldir_msgs/msg/RangeOfMotion", "range_of_motion", LATCHED)
         self.listen("eldir_msgs/msg/Run", "run", self._on_run, LATCHED)
         self.listen("visualization_msgs/msg/MarkerArray", "marks", self._on_marks, COMPLETE)
         self._design: Design | None = None

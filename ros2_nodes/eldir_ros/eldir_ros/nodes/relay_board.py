@@ -29,7 +29,6 @@ from eldir_ros.base.interfaces import (
     declare_text,
     get_file,
     get_value,
-    message_class,
     new_message,
 )
 from eldir_ros.base.rig_node import STOP, RigNode
@@ -55,12 +54,12 @@ class RelayBoardNode(RigNode):
         self._obeyed = ObeyedCommands()
         self._last: Report | None = None
         """The latest report since the port was opened."""
-        self._states = self.create_publisher(message_class("eldir_msgs/msg/BoardState"), "~/states", RELIABLE)
+        self._states = self.advertise("eldir_msgs/msg/BoardState", "~/states", RELIABLE)
         self._values = {
-            name: self.create_publisher(message_class("sensor_msgs/msg/JointState"), name, RELIABLE)
+            name: self.advertise("sensor_msgs/msg/JointState", name, RELIABLE)
             for name in ("relays", "currents", "voltages")
         }
-        self._stop_state = self.create_publisher(message_class("eldir_msgs/msg/EmergencyStop"), STOP, LATCHED)
+        self._stop_state = self.advertise("eldir_msgs/msg/EmergencyStop", STOP, LATCHED)
         self._temperatures: dict[str, Any] = {}
         self.listen("eldir_msgs/msg/HeatCommand", "~/commands", self._on_command, COMPLETE)
         self.serve("std_srvs/srv/Trigger", "emergency_stop", self._on_emergency_stop)
@@ -87,8 +86,8 @@ class RelayBoardNode(RigNode):
         self._last = None
         self._guardian = self._opened.enter_context(Guardian(rig, port))
         for name in set(convert.spring_names(rig)) - set(self._temperatures):
-            self._temperatures[name] = self.create_publisher(
-                message_class("sensor_msgs/msg/Temperature"), f"springs/{name}/temperature", RELIABLE
+            self._temperatures[name] = self.advertise(
+                "sensor_msgs/msg/Temperature", f"springs/{name}/temperature", RELIABLE
             )
         self._open_rig = rig
         self.get_logger().info(f"{port}: all {rig.board.channels} channels are open")

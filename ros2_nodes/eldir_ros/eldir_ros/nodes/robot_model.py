@@ -26,7 +26,6 @@ from eldir_ros.base.interfaces import (
     declare_text,
     frame_name,
     get_file,
-    message_class,
     new_message,
 )
 from eldir_ros.base.rig_node import RigNode
@@ -40,16 +39,10 @@ class RobotModelNode(RigNode):
     def __init__(self, **options: Any):
         super().__init__("robot_model", **options)
         declare_text(self, "design", "Design file of the robot.")
-        self._description = self.create_publisher(
-            message_class("std_msgs/msg/String"), "robot_description", LATCHED
-        )
-        self._joints = self.create_publisher(
-            message_class("sensor_msgs/msg/JointState"), "joint_states", RELIABLE
-        )
-        self._frames = self.create_publisher(message_class("tf2_msgs/msg/TFMessage"), "/tf", COMPLETE)
-        self._springs = self.create_publisher(
-            message_class("visualization_msgs/msg/MarkerArray"), "robot_springs", RELIABLE
-        )
+        self._description = self.advertise("std_msgs/msg/String", "robot_description", LATCHED)
+        self._joints = self.advertise("sensor_msgs/msg/JointState", "joint_states", RELIABLE)
+        self._frames = self.advertise("tf2_msgs/msg/TFMessage", "/tf", COMPLETE)
+        self._springs = self.advertise("visualization_msgs/msg/MarkerArray", "robot_springs", RELIABLE)
         self.listen("visualization_msgs/msg/MarkerArray", "marks", self._on_marks, COMPLETE)
         self._ground = frame_name(self, marks.FRAME_ID)
         self._design: Design | None = None

@@ -30,7 +30,6 @@ from eldir_ros.base.interfaces import (
     find_file,
     frame_name,
     get_file,
-    message_class,
     new_message,
 )
 from eldir_ros.base.spinning import spin
@@ -50,9 +49,7 @@ class VirtualBenchNode(Node):
         declare_text(
             self, "trace", "File for the times when contacts closed and opened, as of `eldir rig emulate`."
         )
-        self._masses = self.create_publisher(
-            message_class("geometry_msgs/msg/PoseArray"), "bench/masses", RELIABLE
-        )
+        self._masses = self.advertise("geometry_msgs/msg/PoseArray", "bench/masses", RELIABLE)
         self._ground = frame_name(self, marks.FRAME_ID)
         self._edges_written = 0
         self._opened = ExitStack()

@@ -1,4 +1,4 @@
-"""How far a physical parameter may be from its nominal value, said at its field.
+"""Where a physical parameter acts, and how far it may be from its nominal value, said at its field.
 
     friction: Annotated[NonNegativeFloat, Prior(0.35, "resin on an unknown table"), Tolerance(0.3, "uniform")]
 
@@ -80,6 +80,13 @@ class Tolerance:
         return value + change if self.form == "absolute" else value * change
 
 
+class ActsWith:
+    """Annotation of a field that acts with these joints alone."""
+
+    def __init__(self, *joints: str):
+        self.joints = joints
+
+
 @dataclass(frozen=True)
 class LargeSpread:
     """Annotation of a field by which a virtual rig with `parameter_spread: large` is far from nominal."""
@@ -107,12 +114,13 @@ def field_annotations(kind: type, wanted: type[_Annotation]) -> tuple[tuple[str,
 
 
 def vary(part: Any, rng: np.random.Generator, first: Sequence[str] = ()) -> dict[str, Any]:
-    """Random values within the tolerances of a record, by field. Fields are sampled in their order, those in
-    `first` before the others, and what depends on the joints last."""
+    """Random values within the tolerances of a record, by field. The fields in `first` are sampled in this
+    order, what depends on the joints last; then all others in the order of the record."""
 
-    def rank(entry: tuple[str, Tolerance]) -> tuple[bool, int]:
+    def rank(entry: tuple[str, Tolerance]) -> tuple[bool, bool, int]:
         name, tolerance = entry
-        return bool(tolerance.joints), first.index(name) if name in first else len(first)
+        known = name in first
+        return not known, bool(tolerance.joints), first.index(name) if known else 0
 
     kind: type = type(part)
     changes: dict[object, float] = {}

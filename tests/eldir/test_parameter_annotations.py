@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Annotated
 
 import numpy as np
 import pytest
 
 from eldir.core.records import Record, record
+from eldir.parameters.annotations import Prior, Tolerance, VariesWith, vary
 from eldir.parameters.printed import BuiltParameters
-from eldir.parameters.spreads import Prior, Tolerance, VariesWith, vary
 from eldir.parameters.springs import SpringParameters
 from eldir.parameters.uncertain import read_parameters
 
@@ -72,8 +71,8 @@ def test_seeds_give_the_robots_of_former_versions() -> None:
         factors |= {"hot_stiffness": factors["cold_stiffness"], "friction": rng.uniform(0.7, 1.3)}
         factors |= {name: np.exp(spread * rng.standard_normal()) for name, spread in of_hubs.items()}
         values = {name: getattr(nominal, name) * float(factor) for name, factor in factors.items()}
-        expected = replace(nominal, **values, geometry=0.3e-3)
-        assert nominal.perturb(np.random.default_rng(seed)) == expected
+        robot = nominal.perturb(np.random.default_rng(seed))
+        assert {name: getattr(robot, name) for name in values} == values and robot.geometry == 0.3e-3
 
 
 def test_seeds_give_the_springs_of_former_versions() -> None:
