@@ -196,7 +196,7 @@ def test_what_evolved_with_a_gait_walks_in_it_and_falls_count(tmp_path, monkeypa
     monkeypatch.setattr(module, "sample_walks", sampled)
     monkeypatch.setattr(module, "screen", lambda *_, **__: pytest.fail("phases were searched"))
     monkeypatch.setattr(module, "check", lambda *_: BuildReport.of((), {}))
-    monkeypatch.setattr(module, "walk", lambda *_: 1.9)
+    monkeypatch.setattr(module, "walk", lambda *_, **__: 1.9)
     found = rank(designs, top=2, springs=SpringParameters(current_limit=3.45))
     assert [c.spread.displacement.tolist() for c in found.candidates] == [walks[39], walks[40]]
     assert [c.gait.method for c in found.candidates] == ["evolved", "evolved"]
@@ -220,7 +220,7 @@ def test_of_robots_with_a_gait_those_that_differ_are_sampled_first(monkeypatch):
 
     monkeypatch.setattr(module, "sample_walks", walks)
     monkeypatch.setattr(module, "check", lambda *_: BuildReport.of((), {}))
-    monkeypatch.setattr(module, "walk", lambda *_: 1.0)
+    monkeypatch.setattr(module, "walk", lambda *_, **__: 1.0)
     for top, looked_at in ((1, [0, 2]), (2, [0, 2, 1]), (3, [0, 2, 1])):
         sampled.clear()
         found = rank(designs, top=top, springs=SpringParameters(current_limit=3.45))
