@@ -121,7 +121,7 @@ class IdentifiedRobots(RobotDistribution):
         goal = simulate_most_probable(self, self.filmed)[:, None]
         share, different = 1.0, list(range(len(robots)))
         for _ in range(_HALVINGS):
-            walks = _walks(self, [robots[i] for i in different], self.filmed)
+            walks = simulate_robots(self, [robots[i] for i in different], self.filmed)
             # Two falls are equal; a fall and a walk are far apart.
             equal = np.isclose(walks, goal, rtol=0, atol=_EQUAL).T
             different = [i for i, same in zip(different, equal, strict=True) if not same.all()]
@@ -249,10 +249,17 @@ def simulate_most_probable(
     return displacements(*arguments, terrain=robots.terrain)
 
 
-def _walks(common: RobotDistribution, robots: Sequence[RobotParameters], gaits: Sequence[Gait]) -> FloatArray:
-    """Displacements [body lengths per five cycles], shape (gaits, robots); all robots are driven side by
-    side."""
-    walks = displacements(*_simulation_arguments(common, robots, gaits, CYCLES), terrain=common.terrain)
+def simulate_robots(
+    common: RobotDistribution,
+    robots: Sequence[RobotParameters],
+    gaits: Sequence[Gait],
+    *,
+    coarse: bool = False,
+) -> FloatArray:
+    """Displacements of these robots of a distribution [body lengths per five cycles], shape (gaits, robots);
+    minus infinity where one fell or folded. `coarse` as in `sample_walks`."""
+    arguments = _simulation_arguments(common, robots, gaits, CYCLES, coarse)
+    walks = displacements(*arguments, terrain=common.terrain)
     return walks.reshape(len(gaits), len(robots))
 
 
