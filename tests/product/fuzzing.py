@@ -31,6 +31,7 @@ from eldir.evolution.printed.run_folder import PrintedRun
 from eldir.evolution.run_folder import RunFolder
 from eldir.evolution.search import EvolutionConfig
 from eldir.lattice import Lattice
+from eldir.terrain import Terrain, TerrainFile
 from eldir.trajectory import Trajectory
 from eldir_cad.kit import PRINTER
 from eldir_cad.kit.printer import load_printer
@@ -162,6 +163,11 @@ _SCENE = (DATA / "built-scene-1.json").read_bytes()
 FORMATS: dict[str, Format] = {
     "design": Format(
         _saved("design.json", make_design(1, Lattice(3, 6)).save), lambda p: Design.load(p).morphology, _json
+    ),
+    "terrain": Format(
+        _saved("terrain.json", TerrainFile("paper", Terrain.rugged(np.random.default_rng(1))).save),
+        lambda p: TerrainFile.load(p).lengths_of("printed", 1.14),
+        _json,
     ),
     "schedule": Format(
         _saved("schedule.json", SCHEDULE.save), lambda p: ActuationSchedule.load(p).pulses(), _json
