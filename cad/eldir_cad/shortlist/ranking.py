@@ -129,7 +129,9 @@ def rank(
                 covariance=scene.covariance,
             )
         )
-        (walks,) = sample_walks(robots, [gait], seed=seed, coarse=robots.robot.printed.joints == "hubs")
+        # On rugged ground coarse robots walk otherwise (decision 56).
+        coarse = robots.robot.printed.joints == "hubs" and design.printed_terrain is None
+        (walks,) = sample_walks(robots, [gait], seed=seed, coarse=coarse)
         candidates.append(RankedDesign(design, report, s, gait, walks))
         show("samples", (i + 1) / len(standing))
     candidates.sort(key=lambda c: (c.is_doubtful, -c.spread.fitness))
