@@ -228,7 +228,8 @@ def plot(values: dict[str, Any]) -> Figure:
         axes.plot(*at, marker, ms=8, label=name, color=colour, fillstyle=fill)
     for (name, row), marker in zip(values["others"].items(), "*hd", strict=False):
         at = row["seconds_per_walk"], row["rms_difference"]
-        axes.plot(*at, marker, ms=10, label=name, color="black", ls="none")
+        label = f"{name} ({row['samples']} samples)"
+        axes.plot(*at, marker, ms=10, label=label, color="black", ls="none")
     figure.legend(loc="outside right upper", fontsize=8)
     axes.axvline(values["heat_s"], color="grey", lw=0.8)
     axes.annotate("heat alone", (values["heat_s"], 0.98), xycoords=("data", "axes fraction"), rotation=90,
