@@ -29,6 +29,7 @@ _PAGE_OF_FORMAT = {
     "springs": "rig",
     "status": "evolution",
     "tags": "camera",
+    "terrain": "built",
     "trajectory": "vision",
     "transfer": "second-physics",
     **{
