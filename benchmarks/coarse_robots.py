@@ -1,7 +1,8 @@
 """`python -m benchmarks.coarse_robots`: processor time and error of walks of coarse robots (decision 56).
 
 Robots that walk and their samples are those of `eldir benchmark built`, and of two more seeds. A row is one
-way to make them coarse, compared with the robots as they are, five cycles each.
+way to make them coarse, compared with the robots as they are, five cycles each. The second table compares
+those that the product makes on rugged ground, one cycle each.
 """
 
 from __future__ import annotations
@@ -12,9 +13,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from eldir.benchmark.built import REAL, Simplification, Walker, mean_walk, walkers
+from eldir.benchmark.built import REAL, SIMPLIFICATIONS, Simplification, Walker, mean_walk, walkers
 from eldir.benchmark.measurement import limit_threads
 from eldir.core.records import FloatArray
+from eldir.defaults import Ground
+from eldir.evolution.search import make_terrain
+from eldir.parameters.printed import BuiltParameters
 
 SEEDS = (4711, 11, 12)
 WAYS = {
@@ -38,6 +42,21 @@ def measure(
     return time.process_time() - begun, walks
 
 
+GROUNDS: dict[Ground, int] = {"level": 1, "incline": 2, "decline": 3}
+"""Rugged grounds, and the seed of each."""
+
+
+def differences_on(ground: Ground, robots: Sequence[Walker]) -> FloatArray:
+    """Mean walk of each coarse robot on a rugged ground, less that of the robot as it is [body lengths per
+    five cycles]."""
+    terrain = make_terrain(ground, GROUNDS[ground]).scaled(BuiltParameters().scale)
+    exact, coarse = (
+        np.array([mean_walk(robot, SIMPLIFICATIONS[way], terrain=terrain) for robot in robots])
+        for way in ("hubs, 1 cycle", "hubs, coarse, 1 cycle")
+    )
+    return coarse - exact
+
+
 def main() -> int:
     """Status 0."""
     robots = walkers()
@@ -49,6 +68,10 @@ def main() -> int:
             off = walks - exact
             error = np.sqrt((off**2).mean())
             print(f"| {name} | {spent / exact_time:.2f} | {off.mean():+.3f} | {error:.3f} |", flush=True)
+        print("\n| rugged ground | mean difference | root mean square |\n| --- | --- | --- |")
+        for ground in GROUNDS:
+            found = differences_on(ground, robots)
+            print(f"| {ground} | {found.mean():+.2f} | {np.sqrt((found**2).mean()):.2f} |", flush=True)
     return 0
 
 

@@ -23,6 +23,7 @@ from eldir.genotype import Genotype
 from eldir.lattice import Lattice
 from eldir.morphology import Morphology, develop
 from eldir.scene import TRAINING_FIELDS, Scene
+from eldir.terrain import Terrain
 
 MARKS = 5
 _ROUNDING = 9  # decimals [m] below which two distances or heights are the same
@@ -137,7 +138,7 @@ class Design(FileRecord):
     """A robot's genotype, its controller and the scene in which it was trained."""
 
     FORMAT = "eldir-design/1"
-    OPTIONAL = frozenset({"variant", "marks"})
+    OPTIONAL = frozenset({"variant", "marks", "printed_terrain"})
 
     lattice: Lattice
     """Size of the lattice in which the body lies."""
@@ -154,6 +155,8 @@ class Design(FileRecord):
     )
     """Mass indices of m1, m2, ... of the evolved design, which a variant keeps. None: `marked_masses` of the
     body."""
+    printed_terrain: Annotated[Terrain | None, OMITTED] = None
+    """The ground under the printed robot [m, of the printed robot]; by default a table."""
     provenance: dict[str, Any] = field(default_factory=dict)
     """Origin of the design: run, generation, fitness, versions, seeds. Plain JSON values for the reader;
     `eldir.built.gait` reads the gait from it."""

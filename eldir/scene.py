@@ -81,7 +81,8 @@ class Scene(Record):
     name: str = "paper"
     """Name of the preset from which the scene was made."""
     terrain: Terrain = field(default_factory=Terrain.flat)
-    """The ground: segments side by side, each a straight line."""
+    """The ground: segments side by side, each a straight line. Its lengths are metres of the scene's robot.
+    For the printed robot, flat ground is the table; `eldir.built.motion.drive` is given any other."""
     contact: Contact = "no-slip"
     """Contact of a mass with the ground. "no-slip": the mass sticks. "friction": it slips by the paper's
     rule. "friction-released": the same as in the released code, which reads the ground out of bounds left of
@@ -138,7 +139,6 @@ class Scene(Record):
             "start from Scene.preset('built')",
         )
         if self.built is not None:
-            require_value("Scene.terrain", flat, "flat ground for the printed robot", "rugged ground")
             double = self.precision == "f64"
             require_value("Scene.precision", double, "'f64' for the printed robot", repr(self.precision))
             for ours, theirs in _SHARED.items():

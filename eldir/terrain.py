@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 
 from eldir.core.arguments import require_value
-from eldir.core.records import Array, FloatArray, Record, record
+from eldir.core.records import Array, FileRecord, FloatArray, Record, record
 from eldir.errors import InputError
 
 GROUND = 0.1
@@ -94,6 +94,25 @@ class Terrain(Record):
         x = np.asarray(x, dtype=np.float64)
         segment = np.maximum(np.searchsorted(self.x0, x, side="right") - 1, 0)
         return self.slope[segment] * x + self.intercept[segment]
+
+
+@record
+class TerrainFile(FileRecord):
+    """A terrain as a file of its own, which `eldir evolve --terrain` reads and a packet holds."""
+
+    FORMAT = "eldir-terrain/1"
+
+    robot: Literal["paper", "printed"]
+    """Whose metres the lengths are: those of a robot in the paper's scene; or those of the printed robot,
+    which is 1.14 times as large (`BuiltParameters.scale`)."""
+    terrain: Terrain
+    """The ground."""
+
+    def lengths_of(self, robot: Literal["paper", "printed"], scale: float) -> Terrain:
+        """The terrain in metres of this robot; `scale`: size of the printed robot over the paper's one."""
+        if robot == self.robot:
+            return self.terrain
+        return self.terrain.scaled(scale if robot == "printed" else 1 / scale)
 
 
 def _sample_segment(rng: np.random.Generator, tilt: float, start: float) -> tuple[float, float]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import stat
+import statistics
 import time
 from collections.abc import Sequence
 from contextlib import suppress
@@ -65,9 +66,10 @@ def examine(
         check_springs(rig),
         check_wiring(rig, packet),
         check_welded_contact(rig, measurements),
-        check_clock(),
         check_disk(folder),
     ]
+    if rig.kind == "real" or rig.virtual.clock == "wall":
+        findings.append(check_clock())
     if rig.kind == "virtual" and rig.virtual.design is not None:
         findings.append(check_virtual_robot(folder / rig.virtual.design))
     if rig.kind == "real" and rig.board.port is not None:
@@ -280,13 +282,18 @@ def check_sensor(rig: Rig) -> Finding:
 
 
 def check_clock() -> Finding:
+    """Whether this computer wakes in time; one look may hit the only moment in which it does not."""
     resolution = time.get_clock_info("monotonic").resolution
-    start = time.monotonic()
-    time.sleep(0.01)
-    late = time.monotonic() - start - 0.01
+    late = statistics.median(_oversleep() for _ in range(9))
     ok = resolution <= 1e-3 and late < 0.02
     text = f"resolution {resolution:g} s, wakes {1e3 * late:.1f} ms late"
     return Finding("clock", ok, text if ok else f"{text}; close other programs")
+
+
+def _oversleep() -> float:
+    start = time.monotonic()
+    time.sleep(0.01)
+    return time.monotonic() - start - 0.01
 
 
 def check_disk(folder: Path) -> Finding:

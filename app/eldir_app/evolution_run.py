@@ -9,7 +9,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal, get_args
 
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
@@ -24,11 +24,12 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from eldir.core.kernels import Precision
-    from eldir.defaults import Crossover, Ground, Objective, Optimiser
+    from eldir.defaults import Crossover, Objective, Optimiser
     from eldir.evolution.cluster import Cluster
     from eldir.evolution.designs import Run
     from eldir.evolution.run_folder import RunFolder
     from eldir.evolution.search import Search
+    from eldir.terrain import Terrain
     from eldir.training.configuration import TrainingConfig
     from eldir.training.randomisation import Randomisation
 
@@ -45,7 +46,8 @@ class NewRunOptions:
     lattice: str | None
     population: int | None
     generations: int | None
-    terrain: Ground
+    terrain: str
+    """A name of `eldir.defaults.Ground`, or a terrain file."""
     precision: Precision
     max_motors: int | None
     static_margin_m: float | None
@@ -71,15 +73,38 @@ class NewRunOptions:
             )
         return int(match[1]), int(match[2])
 
+    def ground(self, robot: Literal["paper", "printed"], scale: float) -> Terrain | None:
+        """The ground in metres of this robot; None: flat. Raises `typer.BadParameter` for another name,
+        `InputError` for a file that is missing or damaged."""
+        from eldir.defaults import Ground
+        from eldir.evolution.search import make_terrain
+        from eldir.terrain import TerrainFile
+
+        if self.terrain.endswith(".json"):
+            terrain = TerrainFile.load(self.terrain).lengths_of(robot, scale)
+            return None if terrain.is_flat else terrain
+        for name in get_args(Ground):
+            if name == self.terrain:
+                drawn = None if name == "flat" else make_terrain(name, self.seed)
+                return drawn.scaled(scale) if drawn is not None and robot == "printed" else drawn
+        names = ", ".join(get_args(Ground))
+        raise typer.BadParameter(
+            f"--terrain: expected {names} or the name of a .json file, found {self.terrain!r}"
+        )
+
 
 def create_paper_run(out: Path, options: NewRunOptions) -> RunFolder:
     """A new run in the paper's scene."""
     from eldir import defaults
     from eldir.evolution.run_folder import RunFolder
-    from eldir.evolution.search import EvolutionConfig, make_scene
+    from eldir.evolution.search import EvolutionConfig
     from eldir.lattice import Lattice
+    from eldir.parameters.printed import BuiltParameters
+    from eldir.scene import Scene
 
-    scene = make_scene(options.terrain, options.seed)
+    scene, ground = Scene.preset("paper"), options.ground("paper", BuiltParameters().scale)
+    if ground is not None:
+        scene = scene.replace(terrain=ground)
     config = EvolutionConfig(
         lattice=Lattice(*options.shape(defaults.LATTICE)),
         population=defaults.POPULATION if options.population is None else options.population,
@@ -105,7 +130,6 @@ def create_printed_run(out: Path, options: NewRunOptions) -> PrintedRun:
     from eldir import defaults
     from eldir.core.files import require_new
     from eldir.evolution.printed.configuration import PrintedEvolutionConfig
-    from eldir.evolution.search import make_terrain
     from eldir.lattice import Lattice
     from eldir_hardware.planning.workshop import make_workshop
 
@@ -131,9 +155,7 @@ def create_printed_run(out: Path, options: NewRunOptions) -> PrintedRun:
         printed=conditions.printed,
         springs=conditions.springs,
         timings=conditions.timings,
-        terrain=None
-        if options.terrain == "flat"
-        else make_terrain(options.terrain, options.seed).scaled(conditions.printed.scale),
+        terrain=options.ground("printed", conditions.printed.scale),
     )
     return PrintedRun.create(out, config)
 

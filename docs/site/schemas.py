@@ -19,6 +19,7 @@ from eldir.design import Design
 from eldir.evolution.printed.run_folder import PrintedRunFile, PrintedStatus
 from eldir.evolution.run_folder import RunFile
 from eldir.evolution.status import Status
+from eldir.terrain import TerrainFile
 from eldir.trajectory import Trajectory
 from eldir_app.catalogue.facts import Notes
 from eldir_cad.kit.printer import Printer
@@ -62,6 +63,7 @@ FORMATS: dict[str, tuple[type, str]] = {
     "springs": (SavedSprings, "State of a board's springs between two runs"),
     "status": (Status, "Status of an evolution"),
     "tags": (TagBoard, "Reference tags in the plane of motion"),
+    "terrain": (TerrainFile, "Terrain: the ground under a robot"),
     "trajectory": (Trajectory, "Trajectory: marked masses over time"),
     "transfer": (TransferNumbers, "How well predicted walks transfer to a second physics"),
 }

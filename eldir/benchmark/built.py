@@ -31,6 +31,7 @@ from eldir.lattice import Lattice
 from eldir.morphology import Morphology, develop
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
+from eldir.terrain import Terrain
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -157,14 +158,17 @@ def _remembering(kept: np.ndarray, r: int, robot: Walker, variant: Simplificatio
     return run
 
 
-def mean_walk(robot: Walker, variant: Simplification, seed: int = _SEED) -> float:
-    """Mean walk of the samples of a seed, a fall counted as no walk [body lengths per five cycles]."""
+def mean_walk(
+    robot: Walker, variant: Simplification, seed: int = _SEED, terrain: Terrain | None = None
+) -> float:
+    """Mean walk of the samples of a seed, a fall counted as no walk [body lengths per five cycles].
+    `terrain`: the ground, by default a table."""
     printed = BuiltParameters()
     nominal = RobotParameters(printed.with_hubs() if variant.hubs else printed)
     samples, tables = _heated(robot, nominal, variant.cycles, seed)
     simpler = variant.tension, variant.damping, variant.inertia
     built = [build(robot.body, s).coarse(*simpler) for s in samples]
-    walks = displacements(built, tables, variant.cycles, nominal.free_lengths)
+    walks = displacements(built, tables, variant.cycles, nominal.free_lengths, terrain=terrain)
     return float(count_falls_as_zero(walks).mean())
 
 

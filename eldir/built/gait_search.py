@@ -286,4 +286,4 @@ def _retime(gait: Gait, limits: HeatingLimits, springs: SpringParameters) -> lis
 def nominal_robots(design: Design, limits: HeatingLimits) -> RobotDistribution:
     """Nominal robots of a design without films, with hubs, on the rig's supply."""
     robot = RobotParameters(BuiltParameters().with_hubs(), limits.springs)
-    return NominalRobots(design.morphology, robot, design.ballast / 2)
+    return NominalRobots(design.morphology, robot, design.ballast / 2, design.printed_terrain)

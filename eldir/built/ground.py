@@ -8,15 +8,20 @@ from __future__ import annotations
 
 import numpy as np
 
-from eldir.built.robot import PrintedRobot, rest_state
+from eldir.built.robot import PrintedRobot, build, rest_state
 from eldir.core.arguments import require_value
 from eldir.core.records import FloatArray
+from eldir.design import Design
 from eldir.terrain import Terrain
 
 MAX_SLOPE = 20.0
 """Steepest segment: 87 degrees."""
 MIN_SEGMENT = 1e-4
 """Shortest segment [m], so that a mass does not cross two of them in one step."""
+
+PLATE_THICKNESS = 0.012
+"""Thickness of a printed ground where it is lowest [m]."""
+_BEHIND, _AHEAD = 0.5, 2.5  # of printed ground, behind and ahead of the robot [body lengths]
 
 
 def check_terrain(terrain: Terrain) -> None:
@@ -30,6 +35,14 @@ def check_terrain(terrain: Terrain) -> None:
     require_value("terrain", shortest >= MIN_SEGMENT * (1 - 1e-9), expected, f"{shortest * 1e3:g} mm")
     jump = np.abs(_steps(terrain)).max(initial=0.0)
     require_value("terrain", jump < 1e-9, "segments that meet", f"a jump of {jump * 1e3:g} mm")
+
+
+def surface_line(terrain: Terrain, positions: FloatArray, corner: float) -> FloatArray:
+    """Corners of the surface of the printed ground under a robot with masses at `positions` [m], shape
+    (M, 2): x and height [m], shape (K, 2). It is `corner` below the centre of a mass that stands [m]."""
+    first, last = printed_range(positions)
+    x = np.array([first, *terrain.x0[(first < terrain.x0) & (terrain.x0 < last)], last])
+    return np.stack([x, terrain.height(x) - corner], axis=1)
 
 
 def _steps(terrain: Terrain) -> FloatArray:
@@ -61,3 +74,25 @@ def heights(positions: FloatArray, terrain: Terrain | None) -> FloatArray:
     """Height of each mass over the ground under it [m], shape (T, M); `positions`: [m], shape (T, M, 2)."""
     over = positions[..., 1]
     return over if terrain is None else over - terrain.height(positions[..., 0])
+
+
+def printed_range(positions: FloatArray) -> tuple[float, float]:
+    """From where to where the ground under a robot is printed [m]; `positions`: its masses as assembled [m],
+    shape (M, 2)."""
+    left, right = float(positions[:, 0].min()), float(positions[:, 0].max())
+    length = right - left
+    return left - _BEHIND * length, right + _AHEAD * length
+
+
+def on_table(terrain: Terrain, positions: FloatArray) -> Terrain:
+    """The terrain at the height at which its printed ground lies on the table y = 0: where it is lowest, it
+    is `PLATE_THICKNESS` high."""
+    lift = PLATE_THICKNESS - float(surface_line(terrain, positions, 0.0)[:, 1].min())
+    return Terrain(terrain.x0.copy(), terrain.slope.copy(), terrain.intercept + lift)
+
+
+def lay_on_table(design: Design) -> Terrain | None:
+    """The terrain of a design, `on_table`; None: a table."""
+    if design.printed_terrain is None:
+        return None
+    return on_table(design.printed_terrain, build(design.morphology).positions)

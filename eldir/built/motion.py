@@ -158,7 +158,7 @@ def pack(
 ) -> MotionInputs:
     """The inputs of the engine for one robot, with `steps` integration steps in an interval."""
     from eldir.engine.built.motion_batch import MotionInputs
-    from eldir.engine.built.motion_launch import PARAMETERS, RobotArrays, RobotNumbers
+    from eldir.engine.built.motion_launch import PARAMETERS, MotionArrays, RobotNumbers
 
     p, dt = robot.parameters, interval / steps
     numbers = RobotNumbers(
@@ -176,7 +176,7 @@ def pack(
         direction=robot.directions[order],
         joints=robot.joints,
         terrain=terrain,
-        values=RobotArrays(
+        values=MotionArrays(
             numbers=np.array([*numbers, *(getattr(p, name) for name in PARAMETERS)]),
             state=state,
             inverse_mass=1 / robot.masses,

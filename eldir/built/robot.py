@@ -85,12 +85,12 @@ class PrintedRobot(Record):
     def coarse(
         self, tension: float = SOFT_TENSION, damping: float = 0.25, inertia: float = 2.0
     ) -> PrintedRobot:
-        """A robot that walks nearly as this one in a seventh of the time, for choices among many: with strips
-        of at most `tension` [N/m] and, if it has hubs, `damping` times their damping and `inertia` times the
-        inertia, so that longer steps are stable.
+        """A robot that walks on a table nearly as this one in a seventh of the time, for choices among many:
+        with strips of at most `tension` [N/m] and, if it has hubs, `damping` times their damping and
+        `inertia` times the inertia, so that longer steps are stable. On rugged ground it walks otherwise.
 
         With pins it keeps its masses, because it would fold. Clamped strips stay as they are.
-        docs/reference/evolving-for-building.md has the error.
+        docs/reference/evolving-for-building.md and decision 56 have the error.
         """
         p = self.parameters
         if self.joints == "clamped":

@@ -21,6 +21,7 @@ from eldir.design import Design
 from eldir.morphology import Morphology
 from eldir.parameters.printed import STRIP_SPREAD
 from eldir.parameters.robot import RobotParameters, sample_feet, sample_springs
+from eldir.terrain import Terrain
 
 _EQUAL = 0.1  # body lengths per five cycles: walks that differ by less count as equal
 _HALVINGS = 5
@@ -38,6 +39,8 @@ class RobotDistribution(Record, ABC):
     """The most probable robot."""
     ballast: float | FloatArray = 0.0
     """Ballast on this plane [kg], as `eldir.built.robot.build` takes it."""
+    terrain: Terrain | None = None
+    """The ground [m, of the printed robot]; by default a table."""
 
     @abstractmethod
     def sample(self, rng: np.random.Generator) -> RobotParameters:
@@ -91,9 +94,15 @@ class IdentifiedRobots(RobotDistribution):
     def of(cls, design: Design, scene: PrintedScene, filmed: Sequence[Gait] = ()) -> IdentifiedRobots:
         """Robots of a design: one plane with half of the ballast. Single strips and springs keep their
         identified values if the films show this body."""
-        robot = scene.robot_of(design)
-        half = design.ballast / 2
-        return cls(design.morphology, robot, half, scene.parameters, scene.covariance, tuple(filmed))
+        return cls(
+            design.morphology,
+            scene.robot_of(design),
+            design.ballast / 2,
+            design.printed_terrain,
+            scene.parameters,
+            scene.covariance,
+            tuple(filmed),
+        )
 
     def sample(self, rng: np.random.Generator) -> RobotParameters:
         """Sample one robot; what was not identified comes from its prior, such as each foot's friction."""
@@ -112,7 +121,7 @@ class IdentifiedRobots(RobotDistribution):
         goal = simulate_most_probable(self, self.filmed)[:, None]
         share, different = 1.0, list(range(len(robots)))
         for _ in range(_HALVINGS):
-            walks = _walks(self, [robots[i] for i in different], self.filmed)
+            walks = simulate_robots(self, [robots[i] for i in different], self.filmed)
             # Two falls are equal; a fall and a walk are far apart.
             equal = np.isclose(walks, goal, rtol=0, atol=_EQUAL).T
             different = [i for i, same in zip(different, equal, strict=True) if not same.all()]
@@ -223,9 +232,10 @@ def sample_walks(
     `cycles` count after the first one, five by default. `coarse` is for choices among many
     (`PrintedRobot.coarse`).
     """
-    walks, ties = displacements_and_ties(
-        *_simulation_arguments(robots, robots.samples(n, seed), gaits, cycles or CYCLES, coarse)
+    built, tables, count, free = _simulation_arguments(
+        robots, robots.samples(n, seed), gaits, cycles or CYCLES, coarse
     )
+    walks, ties = displacements_and_ties(built, tables, count, free, robots.terrain)
     shape = len(gaits), n
     return [SampledWalks(*of) for of in zip(walks.reshape(shape), ties.reshape(shape), strict=True)]
 
@@ -235,13 +245,21 @@ def simulate_most_probable(
 ) -> FloatArray:
     """Displacement of the most probable robot with each gait [body lengths per five cycles], shape (gaits,);
     minus infinity where it fell or folded. `cycles` and `coarse` as in `sample_walks`."""
-    return displacements(*_simulation_arguments(robots, [robots.robot], gaits, cycles or CYCLES, coarse))
+    arguments = _simulation_arguments(robots, [robots.robot], gaits, cycles or CYCLES, coarse)
+    return displacements(*arguments, terrain=robots.terrain)
 
 
-def _walks(common: RobotDistribution, robots: Sequence[RobotParameters], gaits: Sequence[Gait]) -> FloatArray:
-    """Displacements [body lengths per five cycles], shape (gaits, robots); all robots are driven side by
-    side."""
-    walks = displacements(*_simulation_arguments(common, robots, gaits, CYCLES))
+def simulate_robots(
+    common: RobotDistribution,
+    robots: Sequence[RobotParameters],
+    gaits: Sequence[Gait],
+    *,
+    coarse: bool = False,
+) -> FloatArray:
+    """Displacements of these robots of a distribution [body lengths per five cycles], shape (gaits, robots);
+    minus infinity where one fell or folded. `coarse` as in `sample_walks`."""
+    arguments = _simulation_arguments(common, robots, gaits, CYCLES, coarse)
+    walks = displacements(*arguments, terrain=common.terrain)
     return walks.reshape(len(gaits), len(robots))
 
 

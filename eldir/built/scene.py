@@ -279,9 +279,11 @@ class PrintedScene(FileRecord):
         return self.robot if self.body == design.body else self.robot.uniform
 
     def filmed_of(self, design: Design) -> list[FilmedGait]:
-        """The filmed gaits, if the films show this body with the same ballast; otherwise none."""
+        """The filmed gaits, if the films show this body with the same ballast; otherwise none. Films show
+        robots on a table, so that they tell nothing about a design's walk on a terrain."""
         ballast = self.ballast_kg if len(self.ballast_kg) else 0.0
-        if self.body != design.body or not np.allclose(ballast, design.ballast):
+        same = self.body == design.body and design.printed_terrain is None
+        if not same or not np.allclose(ballast, design.ballast):
             return []
         return list(self.filmed_gaits)
 

@@ -21,6 +21,7 @@ from eldir.core.records import FloatArray, Record
 from eldir.morphology import Morphology
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.springs import SpringParameters
+from eldir.terrain import Terrain
 
 MARGIN = 0.02
 """Required static margin [m]; 0.03 is safe."""
@@ -71,8 +72,10 @@ def screen(
     springs: SpringParameters | None = None,
     phases: int = PHASES,
     progress: Callable[[float], None] | None = None,
+    terrain: Terrain | None = None,
 ) -> list[ScreeningResult]:
-    """Screen every design; results are in input order. `progress` is called with the completed share."""
+    """Screen every design; results are in input order. `progress` is called with the completed share.
+    `terrain`: the ground, by default a table; the static margin is that on a table."""
     p, spring = parameters or BuiltParameters(), springs or SpringParameters()
     free = (spring.cold_length, spring.hot_length)
     found: list[ScreeningResult] = []
@@ -98,7 +101,9 @@ def screen(
             tables = [heated(morphologies[i].motors, hubs_of[i], cycles) for i in together]
             pairs = [(i, *pair) for i, own in zip(together, tables, strict=True) for pair in own]
             robots = {i: build(morphologies[i], parameters) for i in together}
-            walks = displacements([robots[i] for i, _, _ in pairs], [t for _, _, t in pairs], cycles, free)
+            walks = displacements(
+                [robots[i] for i, _, _ in pairs], [t for _, _, t in pairs], cycles, free, terrain=terrain
+            )
             for i in together:
                 tried = np.array([k for k, pair in enumerate(pairs) if pair[0] == i])
                 best = pairs[tried[walks[tried].argmax()]][1]
@@ -112,9 +117,12 @@ def screen(
     return found
 
 
-def simulate_soft_walks(morphologies: Sequence[Morphology], phases: int = PHASES) -> FloatArray:
+def simulate_soft_walks(
+    morphologies: Sequence[Morphology], phases: int = PHASES, terrain: Terrain | None = None
+) -> FloatArray:
     """The first pass alone: displacement of every design in its best phase, with soft strips [body lengths
-    per five cycles], shape (n,); minus infinity if it fell or folded in all phases."""
+    per five cycles], shape (n,); minus infinity if it fell or folded in all phases. `terrain` as in
+    `screen`."""
     soft, spring = replace(BuiltParameters(), tension=SOFT_TENSION), SpringParameters()
     best = np.full(len(morphologies), -np.inf)
     for first in range(0, len(morphologies), _AT_ONCE):
@@ -125,6 +133,7 @@ def simulate_soft_walks(morphologies: Sequence[Morphology], phases: int = PHASES
         ]
         robots = [build(morphologies[i], soft) for i, _ in pairs]
         tables = [free_lengths(gait, spring, _SOFT_CYCLES) for _, gait in pairs]
-        walks = displacements(robots, tables, _SOFT_CYCLES, (spring.cold_length, spring.hot_length))
+        free = spring.cold_length, spring.hot_length
+        walks = displacements(robots, tables, _SOFT_CYCLES, free, terrain=terrain)
         np.maximum.at(best, [i for i, _ in pairs], walks)
     return best

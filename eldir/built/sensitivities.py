@@ -54,7 +54,7 @@ from eldir.terrain import Terrain
 
 if TYPE_CHECKING:
     from eldir.engine.built.motion_batch import MotionInputs, MotionResult
-    from eldir.engine.built.motion_launch import RobotArrays
+    from eldir.engine.built.motion_launch import MotionArrays
 
 _STEP = 1e-3  # of a parameter's scale
 
@@ -198,13 +198,13 @@ def _pack(drive: DriveInputs, steps: int) -> MotionInputs:
 
 def _tangent(
     drive: DriveInputs, parameter: Parameter, steps: int, d_state: FloatArray | float
-) -> RobotArrays:
+) -> MotionArrays:
     """Derivative of the engine's inputs: two central differences, extrapolated. `d_state` is the derivative
     of the state at the start, beside what the parameter changes in it."""
 
-    from eldir.engine.built.motion_launch import RobotArrays
+    from eldir.engine.built.motion_launch import MotionArrays
 
-    def at(h: float) -> RobotArrays:
+    def at(h: float) -> MotionArrays:
         changed = parameter.change(drive, h)
         state = changed.start
         values = _pack(replace(changed, state=state + h * d_state), steps).values
@@ -213,7 +213,7 @@ def _tangent(
     h = _STEP * parameter.scale
     sides = [[np.asarray(values) for values in at(part * h)] for part in (1.0, -1.0, 0.5, -0.5)]
     tangents = ((8 * (c - d) - (a - b)) / (6 * h) for a, b, c, d in zip(*sides, strict=True))
-    found = RobotArrays(*tangents)
+    found = MotionArrays(*tangents)
     return found._replace(state=found.state + d_state)
 
 

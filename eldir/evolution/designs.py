@@ -9,10 +9,9 @@ import numpy as np
 from eldir.core.files import read_json
 from eldir.core.version import __version__
 from eldir.design import Design
-from eldir.errors import InputError
 from eldir.evolution.printed.run_folder import PrintedRun, PrintedRunFile
 from eldir.evolution.run_folder import RunFile, RunFolder
-from eldir.evolution.search import robot_seed
+from eldir.evolution.search import printed_terrain, robot_seed
 from eldir.learning import learn
 from eldir.scene import Scene
 
@@ -34,7 +33,7 @@ def load_run(path: Path | str) -> list[Design]:
     """The robots of the last complete generation as designs, best first: the survivors of a run in the
     paper's scene, or the elites of a run for building, which carry their gaits.
 
-    Raises `InputError` where no generation is complete, and for printed robots that evolved on a terrain.
+    Robots that evolved on a terrain are built for it. Raises `InputError` where no generation is complete.
     """
     run = open_run(path)
     run.require_generations()
@@ -46,12 +45,14 @@ def _trained_designs(run: RunFolder) -> list[Design]:
     search = run.restore()
     assert search.survivors is not None  # a generation is complete
     config, robots = run.config, search.survivors.robots
+    terrain = printed_terrain(config.scene)
     return [
         Design(
             config.lattice,
             genotype,
             controller,
             config.scene,
+            printed_terrain=terrain,
             provenance={
                 "fitness_m": float(fitness),
                 "generation": int(number) // config.population,
@@ -81,16 +82,12 @@ def _printed_designs(run: PrintedRun) -> list[Design]:
     """The best elites of a run for building, with gait and expected walk in their provenance.
 
     The closed-loop rollout is one of the three motions of a report. A printed robot evolves without a
-    controller, so the elites are trained here; the same run always gives the same controllers.
+    controller, so the elites are trained here, on the run's terrain; the same run always gives the same
+    controllers.
     """
     config, scene = run.config, Scene()
     if config.terrain is not None:
-        raise InputError(
-            f"the robots of {run.path} walk on rugged ground",
-            code="evolution.terrain",
-            expected="a run on a table: shortlists, gaits and reports do not know other ground yet",
-            remedy=f"look at the run with eldir analyse {run.path}, or evolve with --terrain flat",
-        )
+        scene = scene.replace(terrain=config.terrain.scaled(1 / config.printed.scale))
     elites = run.restore().archive.ranked()[:_MAX_PRINTED]
     if not elites:
         return []
@@ -103,6 +100,7 @@ def _printed_designs(run: PrintedRun) -> list[Design]:
             walker.genome.genotype,
             controller,
             scene,
+            printed_terrain=config.terrain,
             # A robot that diverged at once in the closed loop has no fitness in it.
             provenance=({"fitness_m": -float(losses.min())} if np.isfinite(losses).any() else {})
             | {

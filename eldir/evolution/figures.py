@@ -16,7 +16,7 @@ from eldir.core.pictures import GROUND, MOTOR, PASSIVE, hide_frame, new_axes
 from eldir.core.records import FloatArray
 from eldir.evolution.history import EvaluatedRobots, RunHistory, Trend
 from eldir.lattice import Lattice
-from eldir.morphology import develop
+from eldir.morphology import Morphology, develop
 from eldir.terrain import Terrain
 
 _COLUMNS = 4  # of robots side by side
@@ -161,14 +161,22 @@ def _legend(axes: Axes) -> None:
     axes.legend(frameon=False)
 
 
+def draw_springs(
+    axes: Axes, positions: FloatArray, body: Morphology, widths: tuple[float, float] = (1.0, 2.6)
+) -> None:
+    """Add the springs of a body whose masses are at these positions, shape (M, 2). `widths` of the lines:
+    passive ones, motors."""
+    ends = positions[body.springs]
+    for kind, colour, width in zip((~body.active, body.active), (PASSIVE, MOTOR), widths, strict=True):
+        axes.add_collection(LineCollection(list(ends[kind]), colors=colour, linewidths=width))
+
+
 def _robot(axes: Axes, lattice: Lattice, robots: EvaluatedRobots, i: int) -> None:
     body = develop(lattice, robots.genotype(i))
-    ends = body.positions[body.springs]
     filled = lattice.triangles[robots.triangles[i].ravel()]
     place = np.zeros((len(lattice.vertices), 2))
     place[body.vertices] = body.positions
     axes.add_collection(PolyCollection(list(place[filled]), facecolors="#f0f0f0"))
-    for kind, colour, width in ((~body.active, PASSIVE, 0.8), (body.active, MOTOR, 1.6)):
-        axes.add_collection(LineCollection(list(ends[kind]), colors=colour, linewidths=width))
+    draw_springs(axes, body.positions, body, (0.8, 1.6))
     axes.set_aspect("equal")
     axes.autoscale()

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import field, replace
+from functools import partial
 from typing import Annotated, Any
 
 import numpy as np
@@ -117,7 +118,7 @@ class Search:
         accept: AcceptBody | None = None,
         generation: int = 0,
         survivors: LearnedRobots | None = None,
-        walks: WalkFunction = simulate_soft_walks,
+        walks: WalkFunction | None = None,
     ):
         self.config = config
         self.generation = generation
@@ -125,7 +126,7 @@ class Search:
         self.survivors = survivors
         """Survivors, best first; None before generation 0 is complete."""
         self._accept = accept
-        self._walks = walks
+        self._walks = walks or partial(simulate_soft_walks, terrain=printed_terrain(config.scene))
 
     @property
     def finished(self) -> bool:
@@ -251,6 +252,11 @@ def make_scene(ground: Ground, seed: int) -> Scene:
     """The paper's scene on this ground."""
     scene = Scene.preset("paper")
     return scene if ground == "flat" else scene.replace(terrain=make_terrain(ground, seed))
+
+
+def printed_terrain(scene: Scene) -> Terrain | None:
+    """The ground of a scene under the printed robots of its run [m, of the printed robot]; None: a table."""
+    return None if scene.terrain.is_flat else scene.terrain.scaled(BuiltParameters().scale)
 
 
 def make_terrain(ground: Ground, seed: int) -> Terrain:

@@ -95,6 +95,26 @@ class HeatMargins(Record):
     """Fraction of their stroke that springs use in that corner."""
 
 
+Walk = Annotated[float, Field(allow_inf_nan=False)] | None
+
+
+@record
+class ToleranceWalks(Record):
+    """Walks of the most probable robot with all springs heated or cooled alike at an end of the rig's
+    tolerances [body lengths per five cycles]; null where it falls over or folds."""
+
+    nominal: Walk
+    """With the values of the rig file."""
+    current: tuple[Walk, Walk]
+    """With the least and the largest current."""
+    convection: tuple[Walk, Walk]
+    """In the weakest and the strongest stream of air."""
+    room: tuple[Walk, Walk]
+    """In the coldest and the warmest room."""
+    coldest: Walk
+    """With the least current in the strongest stream of air and the coldest room."""
+
+
 @record
 class SchedulePrediction(Record):
     """Predictions for a schedule; a schedule that was written by hand may have none."""
@@ -113,6 +133,8 @@ class SchedulePrediction(Record):
     """The predicted walk of each method's gait."""
     cycle: Annotated[PredictedCycle | None, OMITTED] = None
     """Temperature and length of the springs over the last cycle."""
+    tolerances: Annotated[ToleranceWalks | None, OMITTED] = None
+    """How much the walk depends on the heat of all springs; left out in older files."""
     choice: Annotated[str | None, OMITTED] = None
     """Why a filmed gait was kept or replaced; a sentence."""
 

@@ -31,11 +31,11 @@ from eldir.evolution.printed.run_folder import PrintedRun
 from eldir.evolution.run_folder import RunFolder
 from eldir.evolution.search import EvolutionConfig
 from eldir.lattice import Lattice
+from eldir.terrain import Terrain, TerrainFile
 from eldir.trajectory import Trajectory
 from eldir_cad.kit import PRINTER
-from eldir_cad.kit.dimensions import kit_file
 from eldir_cad.kit.printer import load_printer
-from eldir_cad.kit.specification import load_specification
+from eldir_cad.kit.specification import kit_file, load_specification
 from eldir_cad.packet.wiring_file import read_wiring
 from eldir_calibration.identification.spring_record import load_spring_recording
 from eldir_hardware.camera.lens import Lens
@@ -163,6 +163,11 @@ _SCENE = (DATA / "built-scene-1.json").read_bytes()
 FORMATS: dict[str, Format] = {
     "design": Format(
         _saved("design.json", make_design(1, Lattice(3, 6)).save), lambda p: Design.load(p).morphology, _json
+    ),
+    "terrain": Format(
+        _saved("terrain.json", TerrainFile("paper", Terrain.rugged(np.random.default_rng(1))).save),
+        lambda p: TerrainFile.load(p).lengths_of("printed", 1.14),
+        _json,
     ),
     "schedule": Format(
         _saved("schedule.json", SCHEDULE.save), lambda p: ActuationSchedule.load(p).pulses(), _json

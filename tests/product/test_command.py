@@ -156,7 +156,7 @@ def test_the_help_of_the_right_command_is_named():
     result = eldir("track", "a.mp4", "--marks", "6")
     assert_one_line(result, 2, "expected at most 5; see eldir track --help")
     assert_one_line(eldir("track", "a.mp4", "--marks", "x"), 2, "expected a whole number")
-    result = eldir("evolve", "--terrain", "moon")
+    result = eldir("evolve", "--objective", "moon")
     assert_one_line(result, 2, "'moon' is not one of")
     assert "Value error" not in result.stderr
 

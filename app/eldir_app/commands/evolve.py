@@ -9,7 +9,7 @@ import typer
 
 from eldir import defaults
 from eldir.core.kernels import PRECISION, Precision
-from eldir.defaults import ITERATIONS, OPTIMISER, UPDATE_LENGTHS, Crossover, Ground, Objective, Optimiser
+from eldir.defaults import ITERATIONS, OPTIMISER, UPDATE_LENGTHS, Crossover, Objective, Optimiser
 from eldir_app.options import Device, select_device
 
 if TYPE_CHECKING:
@@ -63,7 +63,13 @@ _Generations = Annotated[
         f"{defaults.GENERATIONS}; printed robots {defaults.PRINTED_GENERATIONS}.",
     ),
 ]
-_Terrain = Annotated[Ground, typer.Option(help="Ground: flat, or rugged and level, rising or falling.")]
+_Terrain = Annotated[
+    str,
+    typer.Option(
+        metavar="[flat|level|incline|decline|FILE]",
+        help="Ground: flat; rugged, and level, rising or falling; or a terrain file, .json.",
+    ),
+]
 _Precision = Annotated[
     Precision,
     typer.Option(

@@ -61,7 +61,7 @@ def gait(
     schedule.save(out)
     if picture is not None:
         write_bytes(picture, draw_heat(schedule))
-    for line in _prediction_lines(schedule):
+    for line in _prediction_lines(schedule, loaded):
         typer.echo(line)
     if identified is not None and not identified.model_fits:
         typer.echo(
@@ -98,10 +98,10 @@ def _plan(
         )
 
 
-def _prediction_lines(schedule: ActuationSchedule) -> Iterator[str]:
-    """The predicted walk of each method, and why the gait was chosen."""
+def _prediction_lines(schedule: ActuationSchedule, rig: Rig) -> Iterator[str]:
+    """The predicted walk of each method, how much it depends on heat, and why the gait was chosen."""
     from eldir.built.walking import describe_ties
-    from eldir_hardware.planning.plan import describe_walk
+    from eldir_hardware.planning.plan import describe_tolerances, describe_walk
 
     predicted = schedule.predicted
     for method, walk in predicted.displacement.items():
@@ -109,6 +109,8 @@ def _prediction_lines(schedule: ActuationSchedule) -> Iterator[str]:
         yield f"{chosen} {method}: {'; '.join(describe_walk(walk))}"
     if predicted.walk is not None and predicted.walk.tie_share is not None:
         yield describe_ties(predicted.walk.tie_share)
+    if predicted.tolerances is not None:
+        yield describe_tolerances(predicted.tolerances, rig)
     if predicted.choice is not None:
         yield predicted.choice
 

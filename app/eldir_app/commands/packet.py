@@ -54,3 +54,6 @@ def packet(
         print((out / "manifest.json").read_text(), end="")
     else:
         print(f"{out}: {totals.parts} parts on {totals.plates} plates, {totals.weight_g:.0f} g of resin")
+        if (ground := written.manifest.ground) is not None:
+            weight = sum(piece.weight_g for piece in ground.values())
+            print(f"ground: {len(ground)} pieces, {weight:.0f} g of resin; assembly.pdf says how they lie")

@@ -11,8 +11,7 @@ from eldir.core.arguments import require_known
 from eldir.core.validation import Section, validate
 from eldir.errors import InputError
 from eldir_cad.kit import PRINTER
-from eldir_cad.kit.dimensions import Gap, Length, kit_file, load_section
-from eldir_cad.kit.specification import Specification
+from eldir_cad.kit.specification import Gap, Length, Specification, kit_file, load_section
 
 
 class Minimum(Section):

@@ -15,11 +15,12 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from eldir.built.robot import build, feet
-from eldir.core.pictures import MARK, MOTOR
+from eldir.core.pictures import GROUND, MARK, MOTOR
 from eldir.core.records import FloatArray, IntArray
 from eldir.morphology import Morphology
 from eldir_cad.checks.kinematics import find_hinges, find_mechanisms
 from eldir_cad.checks.violations import BuildReport
+from eldir_cad.geometry.ground import Ground
 from eldir_cad.packet._drawing import CONNECTOR
 from eldir_cad.packet.manifest import Content
 
@@ -125,6 +126,58 @@ def _faulty_parts(report: BuildReport) -> set[str]:
     return {" ".join(part.split()[:2]) for part in names}
 
 
+def draw_ground(c: Content, ground: Ground) -> Figure:
+    """The ground from the front with its pieces, the robot where it begins, and a table of the pieces."""
+    figure = Figure(figsize=(11.7, 8.3))
+    figure.text(0.03, 0.965, "Ground", fontsize=14, weight="bold", va="top")
+    axes = figure.add_axes((0.06, 0.5, 0.91, 0.4))
+    for i, piece in enumerate(ground.pieces, start=1):
+        x, height = piece.surface.T
+        axes.fill_between(x, height, piece.block, color=GROUND, ec="#8a7a5c", lw=0.8)
+        if piece.block:
+            axes.fill_between([x[0], x[-1]], piece.block, 0.0, color="#eeeeee", ec="#aaaaaa", lw=0.8)
+        axes.text((x[0] + x[-1]) / 2, piece.block + 3.0, str(i), ha="center", va="bottom", fontsize=10)
+    body, masses = c.assembly.morphology, c.assembly.centres.copy()
+    surface = np.concatenate([piece.surface for piece in ground.pieces])
+    # It touches the ground where it is highest under it; corners point down.
+    lift = (np.interp(masses[:, 0], *surface.T) - masses[:, 1]).max() + c.spec.mass.across_corners / 2
+    masses[:, 1] += lift
+    ends = masses[body.springs]
+    axes.add_collection(LineCollection(list(ends[~body.active]), colors="#666666", linewidths=1.0))
+    axes.add_collection(LineCollection(list(ends[body.active]), colors=MOTOR, linewidths=2.5))
+    for x in ground.marks:
+        axes.axvline(x, color=MARK, ls=":", lw=1.0)
+    axes.axhline(0.0, color="black", lw=0.8)
+    axes.set_aspect("equal")
+    axes.set_ylim(-8.0, None)
+    axes.set_xlabel("mm from the rearmost mass, travel to the right; front face")
+    axes.set_ylabel("mm over the table")
+    axes.spines[["top", "right"]].set_visible(False)
+    density = c.printer.material.density * 1e-3
+    rows = [
+        [str(i), f"{p.start:.0f} to {p.end:.0f}", f"{p.height:.0f}", f"{p.block:g}" if p.block else "none",
+         f"{p.part.volume * density:.0f}"]
+        for i, p in enumerate(ground.pieces, start=1)
+    ]  # fmt: skip
+    header = ["piece", "from, to [mm]", "height [mm]", "block under it [mm]", "weight [g]"]
+    for k, column in enumerate(zip(header, *rows, strict=True)):
+        figure.text(0.05 + 0.11 * k, 0.4, "\n".join(column), fontsize=8, va="top", linespacing=1.35)
+    weight = sum(p.part.volume for p in ground.pieces) * density
+    notes = (
+        f"{len(ground.pieces)} pieces, {ground.width:.0f} mm deep, {weight:.0f} g of resin. The number of "
+        "each is at the front, at its end.",
+        "Lay them on the table side by side, number 1 at the rear, each tongue in the next groove, on blocks "
+        "where the table says so. Glue or tape them down: they must not move.",
+        "Place the robot in the middle of the depth, its rearmost mass over the first mark, its foremost "
+        "over the second (dotted lines).",
+        "Predictions take the friction of the table for that of the ground; it is not measured. Cover the "
+        "pieces with what the table is covered with.",
+    )
+    text = "\n\n".join(textwrap.fill(note, 66) for note in notes)
+    figure.text(0.62, 0.4, text, fontsize=8, va="top", linespacing=1.35)
+    return figure
+
+
 def to_pdf(figures: Sequence[Figure]) -> bytes:
     """Pages as PDF without dates; the same figures give the same bytes."""
     file = io.BytesIO()
@@ -149,7 +202,7 @@ def draw_traveller(c: Content) -> list[Figure]:
         *(
             f"Print {plate.name}: {len(plate.items)} parts, {plate.height:.1f} mm high, "
             f"layers of {printer.layer:g} mm, {printer.material.name}"
-            for plate in c.plates
+            for plate in (*c.plates, *c.ground_plates)
         ),
         f"Wash on the build plate: {wash.on_plate_min:g} min in {wash.solvent}",
         f"Take the parts off the plate; wash {wash.off_plate_min:g} min in {wash.rinse}",
@@ -194,6 +247,11 @@ def draw_order_of_work(c: Content) -> list[Figure]:
         "Wire each coil to its relay channel (wiring.csv); lead the wires outwards and up, at "
         "least as long as listed",
     ]
+    if c.ground is not None:
+        steps.append(
+            f"Lay the {len(c.ground.pieces)} pieces of the ground on the table as the last page shows, and "
+            "place the robot on it, its rearmost mass over the first mark"
+        )
     if c.variant.ballast is not None:
         steps.append(
             f"Glue a ballast holder over the outside of mass {c.variant.ballast.mass}, on both faces; glue "

@@ -20,6 +20,7 @@ from eldir.core.version import __version__
 from eldir.design import Design, Variant
 from eldir.genotype import Genotype
 from eldir.parameters.wiring import Wiring, wiring
+from eldir.terrain import TerrainFile
 from eldir_cad.checks.buildability import check_with_leads
 from eldir_cad.checks.contacts import Lead
 from eldir_cad.checks.violations import BuildReport
@@ -30,6 +31,7 @@ from eldir_cad.packet import _drawing
 from eldir_cad.packet._pages import (
     add_footer,
     draw_findings,
+    draw_ground,
     draw_order_of_work,
     draw_traveller,
     to_pdf,
@@ -80,6 +82,13 @@ def _write_files(folder: Path, c: Content, connections: Wiring, leads: Sequence[
     for plate in c.plates:
         write_bytes(folder / "plates" / f"{plate.name}.3mf", plate.threemf())
         write_bytes(folder / "plates" / f"{plate.name}.stl", plate.stl())
+    if c.ground is not None and c.built.printed_terrain is not None:
+        TerrainFile("printed", c.built.printed_terrain).save(folder / "ground" / "terrain.json")
+        for piece in c.ground.pieces:
+            write_bytes(folder / "ground" / f"{piece.part.name}.stl", stl(piece.part.mesh))
+        for plate in c.ground_plates:
+            write_bytes(folder / "plates" / f"{plate.name}.3mf", plate.threemf())
+            write_bytes(folder / "plates" / f"{plate.name}.stl", plate.stl())
     body = c.assembly.morphology
     write_text(folder / "bom.csv", bill_of_materials(c))
     write_text(folder / "wiring.csv", wiring_table(c, connections, leads))
@@ -87,6 +96,8 @@ def _write_files(folder: Path, c: Content, connections: Wiring, leads: Sequence[
     plan = _drawing.draw_assembly_map(c.assembly, connections, ballast)
     footer = _footer(folder, c)
     pages = [plan, *draw_order_of_work(c), draw_findings(body, c.report)]
+    if c.ground is not None:
+        pages.append(draw_ground(c, c.ground))
     write_bytes(folder / "assembly.pdf", to_pdf(add_footer(pages, footer)))
     write_bytes(folder / "preview.png", png(_drawing.draw_robot(c.assembly, c.spec)))
     write_bytes(folder / "preview.glb", _drawing.robot_glb(c.assembly, c.spec))

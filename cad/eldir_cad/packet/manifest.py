@@ -5,15 +5,15 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from pydantic import Field, NonNegativeInt, PositiveFloat, PositiveInt
+from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
 
 from eldir.core.pictures import csv_text
-from eldir.core.records import FileRecord, Record, record
+from eldir.core.records import OMITTED, FileRecord, Record, record
 from eldir.core.version import __version__
 from eldir.design import Design, Variant
 from eldir.errors import EldirError, InputError
@@ -21,6 +21,7 @@ from eldir.parameters.wiring import Connection, Wiring, wiring_digest
 from eldir_cad.checks.contacts import Lead
 from eldir_cad.checks.violations import BuildReport
 from eldir_cad.geometry.assembly import Assembly, assemble, smallest_gap
+from eldir_cad.geometry.ground import Ground, make_ground
 from eldir_cad.geometry.inspection import Inspection, inspect, require_printable
 from eldir_cad.geometry.parts import holder
 from eldir_cad.geometry.plates import Plate, nest
@@ -47,6 +48,9 @@ class Content:
     variant: Variant
     filling: float
     """Weight of the shot in each ballast holder [g]."""
+    ground: Ground | None
+    """The ground under the robot; None: a table."""
+    ground_plates: list[Plate]
 
 
 def make_content(
@@ -80,7 +84,31 @@ def make_content(
             remedy="check the dimensions in the specification",
         )
     plates = nest(assembly.parts, assembly.counts, printer)
-    return Content(built, assembly, inspections, gap, plates, report, spec, printer, variant, filling)
+    ground = _make_ground(built, assembly, spec, printer)
+    own = [] if ground is None else _nest_ground(ground, printer)
+    return Content(
+        built, assembly, inspections, gap, plates, report, spec, printer, variant, filling, ground, own
+    )
+
+
+def _make_ground(built: Design, assembly: Assembly, spec: Specification, printer: Printer) -> Ground | None:
+    if built.printed_terrain is None:
+        return None
+    across = [
+        float((assembly.parts[p.part].mesh.bounds @ np.asarray(p.rotation).T)[i, 2] + p.translation[2])
+        for p in assembly.placements
+        for i in range(2)
+    ]
+    positions = 1e-3 * assembly.centres
+    depth = max(across) - min(across)
+    return make_ground(built.printed_terrain, positions, depth, spec.clearance, printer)
+
+
+def _nest_ground(ground: Ground, printer: Printer) -> list[Plate]:
+    """Plates of their own: a robot is printed without its ground too."""
+    parts = {piece.part.name: piece.part for piece in ground.pieces}
+    plates = nest(parts, dict.fromkeys(parts, 1), printer)
+    return [replace(plate, name=f"ground_{plate.name}") for plate in plates]
 
 
 def bill_of_materials(c: Content) -> str:
@@ -92,6 +120,10 @@ def bill_of_materials(c: Content) -> str:
         size = [f"{part.volume:.1f}", f"{part.volume * density:.3f}"]
         printing = [part.pose, c.inspections[name].supports]
         rows.append([name, part.purpose, count, *size, f"{name}.stl", *printing])
+    for piece in () if c.ground is None else c.ground.pieces:
+        part = piece.part
+        size = [f"{part.volume:.1f}", f"{part.volume * density:.3f}"]
+        rows.append([part.name, part.purpose, 1, *size, f"{part.name}.stl", part.pose, "none"])
     coil = c.spec.coil
     purchased: list[tuple[str, str, int]] = [
         (
@@ -165,6 +197,20 @@ class PartNumbers(Inspection, _PartTotals):  # in the file, the fields of the la
 
 
 @record
+class GroundNumbers(_PartTotals):
+    """A piece of the printed ground."""
+
+    start_mm: float
+    """Where it begins, from the robot's rearmost mass at the start [mm]."""
+    end_mm: float
+    """Where it ends [mm]."""
+    height_mm: PositiveFloat
+    """Height of the piece [mm]."""
+    block_mm: NonNegativeFloat
+    """Height of the block that it stands on [mm]; 0: on the table."""
+
+
+@record
 class Totals(Record):
     """Sums over all pieces."""
 
@@ -195,6 +241,7 @@ class Manifest(FileRecord):
     """Contents of a build packet."""
 
     FORMAT = "eldir-packet/1"
+    OPTIONAL = frozenset({"ground"})
 
     version: str
     """Version of eldir that wrote the file."""
@@ -216,6 +263,9 @@ class Manifest(FileRecord):
     """Smallest distance between placed parts."""
     build_report: BuildReport
     """Findings of the build filter."""
+    ground: Annotated[dict[str, GroundNumbers] | None, OMITTED]
+    """Each piece of the ground under the robot, from the rear; not among `parts` and `totals`, which are the
+    robot's. Left out for a robot on a table."""
     files: dict[str, Digest]
     """SHA-256 of every other file of the packet, by its path."""
 
@@ -249,5 +299,19 @@ class Manifest(FileRecord):
             ),
             Clearance(round(c.spec.clearance, 6), round(c.gap[0], 4), c.gap[1:]),
             c.report,
+            None
+            if c.ground is None
+            else {
+                piece.part.name: GroundNumbers(
+                    count=1,
+                    volume_mm3=round(piece.part.volume, 3),
+                    weight_g=round(piece.part.volume * density, 4),
+                    start_mm=round(piece.start, 3),
+                    end_mm=round(piece.end, 3),
+                    height_mm=round(piece.height, 3),
+                    block_mm=piece.block,
+                )
+                for piece in c.ground.pieces
+            },
             {p.relative_to(folder).as_posix(): hashlib.sha256(p.read_bytes()).hexdigest() for p in files},
         )

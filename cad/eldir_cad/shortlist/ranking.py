@@ -22,6 +22,7 @@ from eldir.built.samples import IdentifiedRobots, NominalRobots, SampledWalks, s
 from eldir.built.scene import PrintedScene
 from eldir.built.screening import ScreeningResult, screen
 from eldir.built.walking import MAX_TIE_SHARE, walk
+from eldir.core.arguments import require_value
 from eldir.design import Design
 from eldir.errors import EldirError
 from eldir.lattice import HALF_SIDE
@@ -97,10 +98,13 @@ def rank(
     """The `top` designs whose samples walk farthest (`SampledWalks.fitness`), each in its best gait. Designs
     whose prediction is doubtful because of ties come after the others.
 
-    `scene`: an identified robot; then the samples are of its uncertainty. `springs`: nominal springs on
+    All walk on the ground of the designs (`Design.printed_terrain`), one for all. `scene`: an identified
+    robot; then the samples are of its uncertainty. `springs`: nominal springs on
     the supply of a rig. `progress` is called with the name of the stage and the completed share of it.
     """
     show = progress or (lambda _stage, _share: None)
+    one_ground = all(d.printed_terrain == designs[0].printed_terrain for d in designs)
+    require_value("designs", one_ground, "designs of one run, with the same printed_terrain")
     printer = printer or load_printer()
     spec = fit_to_printer(specification or load_specification(), printer)
     different = _unique_bodies(designs)
@@ -115,11 +119,19 @@ def rank(
         design, report = buildable[s.index]
         body = design.morphology
         robots = (
-            NominalRobots(body, with_hubs)
+            NominalRobots(body, with_hubs, terrain=design.printed_terrain)
             if scene is None
-            else IdentifiedRobots(body, robot, parameters=scene.parameters, covariance=scene.covariance)
+            else IdentifiedRobots(
+                body,
+                robot,
+                terrain=design.printed_terrain,
+                parameters=scene.parameters,
+                covariance=scene.covariance,
+            )
         )
-        (walks,) = sample_walks(robots, [gait], seed=seed, coarse=robots.robot.printed.joints == "hubs")
+        # On rugged ground coarse robots walk otherwise (decision 56).
+        coarse = robots.robot.printed.joints == "hubs" and design.printed_terrain is None
+        (walks,) = sample_walks(robots, [gait], seed=seed, coarse=coarse)
         candidates.append(RankedDesign(design, report, s, gait, walks))
         show("samples", (i + 1) / len(standing))
     candidates.sort(key=lambda c: (c.is_doubtful, -c.spread.fitness))
@@ -164,7 +176,14 @@ def _screen(
         evolved = [(i, gaits[i]) for i in diverse_first(bodies)[:max_count]]
         return [(_as_evolved(i, designs[i], g, robot), g) for i, g in evolved if g is not None]
     screened = []
-    for s in screen(bodies, robot.printed, robot.springs, progress=lambda share: show("all phases", share)):
+    ground = designs[0].printed_terrain if designs else None
+    for s in screen(
+        bodies,
+        robot.printed,
+        robot.springs,
+        progress=lambda share: show("all phases", share),
+        terrain=ground,
+    ):
         if s.rejected:
             # Its reason names the number of mechanisms; together they count as one.
             reasons["mechanism" if s.mechanisms else "static margin"] += 1
@@ -182,7 +201,7 @@ def _screen(
 def _as_evolved(index: int, design: Design, gait: Gait, robot: RobotParameters) -> ScreeningResult:
     """The screening of a design in the gait that evolved with it: the walk of its nominal robot."""
     nominal = build(design.morphology, robot)
-    distance = walk(nominal, gait, robot.springs)
+    distance = walk(nominal, gait, robot.springs, terrain=design.printed_terrain)
     mechanisms = count_mechanisms(nominal.positions, nominal.springs)
     return ScreeningResult(index, static_margin(nominal), mechanisms, np.array([distance]), gait, True, "")
 

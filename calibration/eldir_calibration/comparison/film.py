@@ -12,7 +12,7 @@ from eldir.core.records import FloatArray, IntArray
 from eldir_calibration.report.comparison import Motion
 from eldir_hardware.camera.plane import Plane
 from eldir_hardware.images import jpeg
-from eldir_hardware.images.video import draw_body, encode_webm, resize_to_width
+from eldir_hardware.images.video import draw_body, draw_ground, encode_webm, resize_to_width
 from eldir_hardware.log.reader import RunLog
 
 MAX_PICTURES = 80
@@ -21,6 +21,7 @@ FRAME_RATE = 10.0
 """Frame rate of the film [1/s]."""
 MAX_SIZE = 500_000
 """Maximum size of the film [bytes]; a larger film is made again with smaller pictures."""
+_SETTLED = 0.5  # after the start; springs are hardly warm then [s]
 _WIDTHS = (480, 360, 270)  # [px]
 _CROP_MARGIN = 0.12  # around the robot, of the larger side
 _MIN_SIDE = 64  # of the cropped picture [px]
@@ -37,20 +38,29 @@ class PredictedBody(NamedTuple):
     """The two masses of each spring, shape (S, 2)."""
     marker_masses: IntArray
     """The marked masses, shape (K,)."""
+    ground: FloatArray | None = None
+    """Corners of the surface of the printed ground, x and height [m], shape (P, 2); None: a table."""
 
 
 def render_film(log: RunLog, plane: Plane, filmed: Motion, body: PredictedBody) -> bytes:
     """WebM of the cycles that count, cut to where the robot is. The predicted body is moved sideways so that
-    its markers stand where the filmed ones do when these cycles begin; from then on its walk is its own."""
+    its markers stand where the filmed ones do when these cycles begin; from then on its walk is its own. On a
+    printed ground both are where `ground_in_film` has the ground."""
     begin, end = filmed.start, filmed.start + filmed.cycles * filmed.period
     pictures = _select_pictures(log, begin, end)
-    offset = _forward_offset(filmed, body, begin)
-    bodies = [plane.to_pixels(_positions_at(body, t) + np.array([offset, 0.0])) for t, _ in pictures]
+    ground = ground_in_film(filmed, body)
+    if ground is None:
+        offset = np.array([_forward_offset(filmed, body, begin), 0.0])
+    else:
+        offset = _start_offset(filmed, body)
+    bodies = [plane.to_pixels(_positions_at(body, t) + offset) for t, _ in pictures]
     markers = plane.to_pixels(filmed.trajectory.positions.reshape(-1, 2))
     crop = _crop(np.concatenate([*bodies, markers]), plane.size)
+    line = None if ground is None else plane.to_pixels(ground)
     film = b""
     for width in _WIDTHS:
-        film = encode_webm(_draw_pictures(pictures, bodies, crop, filmed, body.springs, width), FRAME_RATE)
+        drawn = _draw_pictures(pictures, bodies, crop, filmed, body.springs, width, line)
+        film = encode_webm(drawn, FRAME_RATE)
         if len(film) <= MAX_SIZE:
             break
     return film
@@ -64,6 +74,30 @@ def _select_pictures(log: RunLog, begin: float, end: float) -> list[tuple[float,
         if begin <= t < end:
             found.setdefault(int(MAX_PICTURES * (t - begin) / (end - begin)), (t, data))
     return list(found.values())
+
+
+def ground_in_film(filmed: Motion, body: PredictedBody) -> FloatArray | None:
+    """Surface of the printed ground in the plane of motion: x and height [m], shape (P, 2); None: a table.
+
+    Nothing measures where the ground lies: it is put where the predicted robot stands as the filmed one does,
+    a moment after the start.
+    """
+    return None if body.ground is None else body.ground + _start_offset(filmed, body)
+
+
+def _start_offset(filmed: Motion, body: PredictedBody) -> FloatArray:
+    """From the predicted markers to the filmed ones when the predicted robot has settled: forward and up
+    [m]."""
+    path = filmed.trajectory
+    seen = np.stack(
+        [
+            [np.interp(_SETTLED, path.times, path.positions[:, k, axis]) for axis in range(2)]
+            for k in range(len(path.names))
+        ]
+    )
+    offsets = seen - _positions_at(body, _SETTLED)[body.marker_masses[: len(path.names)]]
+    good = np.isfinite(offsets).all(axis=1)
+    return np.asarray(offsets[good].mean(axis=0)) if good.any() else np.zeros(2)
 
 
 def _forward_offset(filmed: Motion, body: PredictedBody, t: float) -> float:
@@ -96,11 +130,14 @@ def _draw_pictures(
     filmed: Motion,
     springs: IntArray,
     width: int,
+    ground: FloatArray | None,
 ) -> Iterator[NDArray[np.uint8]]:
     """The pictures of the film, RGB."""
     corner = np.array([crop[1].start, crop[0].start])
     for (t, data), pixels in zip(pictures, bodies, strict=True):
         picture, scale = resize_to_width(jpeg.decode(data)[crop], width)
         cycle = min(int((t - filmed.start) / filmed.period), filmed.cycles - 1) + 1
+        if ground is not None:
+            draw_ground(picture, scale * (ground - corner))
         draw_body(picture, scale * (pixels - corner), springs, f"{t:.0f} s, cycle {cycle} of {filmed.cycles}")
         yield picture[..., ::-1]

@@ -13,7 +13,7 @@ from eldir.core.worker_process import WorkerProcess
 from eldir.design import Design, Variant
 from eldir.errors import InputError
 from eldir.parameters.wiring import select_motors
-from eldir_calibration.comparison.film import render_film
+from eldir_calibration.comparison.film import ground_in_film, render_film
 from eldir_calibration.comparison.predictions import SAMPLES, PredictedMotions, predict_runs
 from eldir_calibration.comparison.recorded_run import LoggedRun, RecordedRun, open_runs
 from eldir_calibration.report.comparison import Motion
@@ -28,6 +28,11 @@ from eldir_hardware.vision.recording_setup import find_recorded_plane, marker_la
 from eldir_hardware.vision.sources import LoggedFrames, Source
 from eldir_hardware.vision.tracking_quality import TrackingQuality
 
+_ON_GROUND = (
+    "The robot walks on a printed ground, and so do its predictions. Where the ground lies is not measured: "
+    "it is drawn where the prediction has it under the robot at the start. The walk is that along the table, "
+    "not along a slope."
+)
 _MIN_WALK = 0.3  # below this prediction the report explains it [body lengths per five cycles]
 
 
@@ -85,7 +90,12 @@ def prepare_report(
         before=predictions.before and _truncate(predictions.before, film.motion),
         tracked=film.motion,
         heating=_heating(main),
-        overlay=draw_overlay(film.frame, film.plane, film.motion.trajectory),
+        overlay=draw_overlay(
+            film.frame,
+            film.plane,
+            film.motion.trajectory,
+            ground_in_film(film.motion, predictions.body),
+        ),
         remarks=_remarks(runs, tracked, filmed[0]),
         provenance=_provenance(runs, film.plane),
         runs=filmed,
@@ -122,6 +132,8 @@ def _remarks(runs: Sequence[LoggedRun], tracked: Sequence[TrackedRun], first: Fi
         for run, one in zip(runs, tracked, strict=True)
         if one.motion.cycles < run.schedule.cycles
     ]
+    if main.design.printed_terrain is not None:
+        remarks.append(_ON_GROUND)
     if "remark" in film.plane.provenance:
         remarks.append(film.plane.provenance["remark"])
     if first.robot != INTACT:

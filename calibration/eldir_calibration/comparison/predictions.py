@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eldir.built.gait import CYCLES
+from eldir.built.ground import surface_line
 from eldir.built.heat import SpringState, heat
 from eldir.built.motion import OK, PrintedMotion, drive
 from eldir.built.robot import PrintedRobot, build
@@ -32,6 +33,8 @@ from eldir_calibration.report.verdict import SampledMotions
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.schedule import ActuationSchedule
 
+_CORNER = BuiltParameters().with_hubs().corner
+"""Height of a standing mass's centre over the ground [m]; pins, which have no size, stand as high."""
 _INTERVAL = 0.05  # of the predicted temperatures [s]
 _UPRIGHT_STRIDE = 20  # intervals between two checks whether a sample stands
 _BODY_STRIDE = 2  # intervals from one place of the whole body to the next
@@ -153,7 +156,7 @@ def _prepare_samples(run: RecordedRun, scene: PrintedScene | None, count: int) -
     design, body = run.design, run.design.morphology
     if scene is None:
         nominal = RobotParameters(_nominal_joints(run.rig), run.rig.spring_parameters())
-        robots: RobotDistribution = NominalRobots(body, nominal, design.ballast / 2)
+        robots: RobotDistribution = NominalRobots(body, nominal, design.ballast / 2, design.printed_terrain)
     else:
         robots = IdentifiedRobots.of(design, scene, [film.gait for film in scene.filmed_of(design)])
     found = []
@@ -175,13 +178,15 @@ def _prepare_other(own: _Simulation, body: PrintedRobot, marker_masses: IntArray
 
 
 def _simulate(simulations: Sequence[_Simulation]) -> tuple[list[Motion | None], PredictedBody]:
-    """Their motions over the cycles that count; None for one that blew up, and for a sample that fell. And
-    the first one's whole body."""
+    """Their motions on the ground of the first one's design, over the cycles that count; None for one that
+    blew up, and for a sample that fell. And the first one's whole body."""
+    terrain = simulations[0].run.design.printed_terrain
     moved = drive(
         [t.robot for t in simulations],
         [t.lengths for t in simulations],
         _INTERVAL,
         free=[t.free for t in simulations],
+        terrain=terrain,
     )
     motions: list[Motion | None] = []
     for one, found in zip(simulations, moved, strict=True):
@@ -194,7 +199,11 @@ def _simulate(simulations: Sequence[_Simulation]) -> tuple[list[Motion | None], 
     first, whole = simulations[0], moved[0]
     shown = slice(None, None, _BODY_STRIDE)
     body = PredictedBody(
-        whole.times[shown], whole.positions[shown], first.run.design.morphology.springs, first.marker_masses
+        whole.times[shown],
+        whole.positions[shown],
+        first.run.design.morphology.springs,
+        first.marker_masses,
+        None if terrain is None else surface_line(terrain, first.robot.positions, _CORNER),
     )
     return motions, body
 

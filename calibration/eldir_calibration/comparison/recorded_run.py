@@ -148,9 +148,15 @@ def open_run(path: Path, design: Design) -> LoggedRun:
             f"{path} was recorded with another design",
             code="log.other-design",
             expected="the design that the log holds as design.json, or one it was made from",
-            found=f"another {'body' if recorded.genotype != design.genotype else 'controller or scene'}",
+            found=f"another {_name_difference(recorded, design)}",
         )
     return run
+
+
+def _name_difference(recorded: Design, design: Design) -> str:
+    if recorded.genotype != design.genotype:
+        return "body"
+    return "ground" if recorded.printed_terrain != design.printed_terrain else "controller or scene"
 
 
 def open_runs(paths: Sequence[Path], design: Design) -> list[LoggedRun]:
@@ -180,6 +186,8 @@ def _is_variant(recorded: Design, design: Design) -> bool:
     if recorded == design:
         return True
     if recorded.variant == Variant() or design.variant != Variant():
+        return False
+    if recorded.printed_terrain != design.printed_terrain:
         return False
     without = recorded.variant.without_motor
     springs = design.genotype.springs.copy()

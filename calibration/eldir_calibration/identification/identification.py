@@ -156,6 +156,13 @@ def read_films(
             code="dynamics.different-robots",
             remedy="identify each robot separately",
         )
+    if first.design.printed_terrain is not None:
+        raise InputError(
+            f"{first.log.path} shows a robot on a printed ground",
+            code="dynamics.terrain",
+            expected="films of a robot on a table: where a ground lies under the robot is not measured",
+            remedy="film the same body on the table, with a design without printed_terrain",
+        )
     recordings = []
     for i, log in enumerate(runs):
         progress("tracking", i / len(paths))

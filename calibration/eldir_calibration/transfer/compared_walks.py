@@ -72,7 +72,8 @@ def walk_sampled_robot(
     Robot, feet, slope of the table and each spring deviate by the seed. `springs`: their mean. `cycles` are
     counted, after one that is not. Once `cancelled` is set it gives up.
     """
-    model = replace(sample_multibody(design.morphology, seed, design.ballast), numerics=FINE_NUMERICS)
+    sample = sample_multibody(design.morphology, seed, design.ballast, terrain=design.printed_terrain)
+    model = replace(sample, numerics=FINE_NUMERICS)
     heating = sample_heating(gait, seed, springs, cycles, design.morphology.motor_hubs)
     return measure_walk(model, design.morphology, heating, cycles, springs, cancelled)
 
@@ -296,7 +297,7 @@ def compare_walks(
         progress(f"predicting {one.file}", 0)
         gaits = [one.gait, *shift_phases(one.gait, settings.phases)]
         robot = RobotParameters(BuiltParameters().with_hubs(), settings.springs)
-        robots = NominalRobots(body, robot, one.design.ballast / 2)
+        robots = NominalRobots(body, robot, one.design.ballast / 2, one.design.printed_terrain)
         predicted = sample_walks(robots, gaits, settings.samples, settings.seed)
         progress(f"MuJoCo: {one.file}", 1)
         seeds = robot_seeds(number, settings)

@@ -212,8 +212,9 @@ def explain_walk(
 ) -> ExplainedWalk:
     """Simulate the walk of a design's nominal robot in the engine, in MuJoCo, and in MuJoCo without each
     law."""
-    body, nominal = one.design.morphology, BuiltParameters()
-    model = replace(sample_multibody(body, seed, one.design.ballast, nominal), numerics=FINE_NUMERICS)
+    body, nominal, ground = one.design.morphology, BuiltParameters(), one.design.printed_terrain
+    sample = sample_multibody(body, seed, one.design.ballast, nominal, ground)
+    model = replace(sample, numerics=FINE_NUMERICS)
     springs, cycles = settings.springs, settings.cycles
     table = free_lengths(one.gait, springs, cycles, hubs=body.motor_hubs)
 
@@ -223,7 +224,8 @@ def explain_walk(
     feet = np.array([hub.friction for hub in model.hubs]) / nominal.friction
     parameters = RobotParameters(nominal.with_hubs(), springs, feet=feet)
     robot = build(body, parameters, ballast=one.design.ballast / 2)
-    (engine,) = displacements([robot], [table], cycles, (springs.cold_length, springs.hot_length))
+    free = springs.cold_length, springs.hot_length
+    (engine,) = displacements([robot], [table], cycles, free, terrain=ground)
     report_step("MuJoCo")
     whole = measure_walk(model, body, table, cycles, springs).displacement
     report_step("one law less")

@@ -25,7 +25,7 @@ from eldir.engine.built.dual import (
 from eldir.engine.built.integration import turn_hexagon
 from eldir.engine.built.motion_launch import ONE, ZERO, LaneVector
 from eldir.engine.built.strip import bending_angle, end_moments, interpolate, strip_tension
-from eldir.engine.built.terrain import is_near, lines_under, magnitude, min_gap
+from eldir.engine.built.terrain import find_lines, is_near, magnitude, min_gap
 from eldir.engine.compiler import ti
 
 _COS60, _SIN60 = 0.5, 0.75**0.5
@@ -165,7 +165,7 @@ def move_hubs(group: ti.template(), now: ti.template(), going):
         turning = now.numbers.decay * before + now.moment[i] * wi
         forward = now.friction[i]
         backward = forward * now.parameters.backward_friction
-        vx, vy, spin = stand_on_ground(group, now, i, ux, uy, turning, w, wi, forward, backward)
+        vx, vy, spin = hub_contact(group, now, i, ux, uy, turning, w, wi, forward, backward)
         now.x[i] = now.x[i] + select(going, group.dt * vx, ZERO)
         now.y[i] = now.y[i] + select(going, group.dt * vy, ZERO)
         now.vx[i] = select(going, vx, before_x)
@@ -177,14 +177,14 @@ def move_hubs(group: ti.template(), now: ti.template(), going):
 
 
 @callable_in_kernels
-def stand_on_ground(group, now, i, ux, uy, turning, w, wi, forward, backward):
+def hub_contact(group, now, i, ux, uy, turning, w, wi, forward, backward):
     """Velocity and spin of a hub after the impulses of the ground."""
-    stand = stand_on_terrain if group.terrain else stand_on_table
-    return stand(group, now, i, ux, uy, turning, w, wi, forward, backward)
+    contact = hub_terrain_contact if group.terrain else hub_table_contact
+    return contact(group, now, i, ux, uy, turning, w, wi, forward, backward)
 
 
 @ti.func
-def stand_on_table(group: ti.template(), now: ti.template(), i, ux, uy, turning, w, wi, forward, backward):
+def hub_table_contact(group: ti.template(), now: ti.template(), i, ux, uy, turning, w, wi, forward, backward):
     c, s = lowest_corner(now.cosine[i], now.sine[i])
     rx, ry = now.parameters.corner * s, negative(now.parameters.corner * c)
     height = now.y[i] + now.parameters.corner * (1.0 - c)
@@ -194,7 +194,9 @@ def stand_on_table(group: ti.template(), now: ti.template(), i, ux, uy, turning,
 
 
 @ti.func
-def stand_on_terrain(group: ti.template(), now: ti.template(), i, ux, uy, turning, w, wi, forward, backward):
+def hub_terrain_contact(
+    group: ti.template(), now: ti.template(), i, ux, uy, turning, w, wi, forward, backward
+):
     """The impulses on each lower corner, first of the segment that is under it, then of the one that will be
     under it after the step."""
     vx, vy, spin = variable(ux), variable(uy), variable(turning)
@@ -211,7 +213,7 @@ def stand_on_terrain(group: ti.template(), now: ti.template(), i, ux, uy, turnin
                 s = turn_s * now.cosine[i] + turn_c * now.sine[i]
                 rx, ry = corner * s, negative(corner * c)
                 at = value_of(x) + value_of(rx) + seconds * (value_of(vx) - value_of(spin) * value_of(ry))
-                line = ti.static(lines_under(ground, at))
+                line = ti.static(find_lines(ground, at))
                 height = (y + corner + ry - line.slope * (x + rx) - line.intercept) * line.ny
                 along, away = rx * line.ny - ry * line.nx, rx * line.nx + ry * line.ny
                 tangential = vx * line.ny - vy * line.nx - spin * away

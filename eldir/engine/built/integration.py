@@ -14,7 +14,7 @@ from eldir.engine.built.dual import (
     variable,
 )
 from eldir.engine.built.motion_launch import ONE, ZERO
-from eldir.engine.built.terrain import any_positive, is_near, lines_under, magnitude, min_gap
+from eldir.engine.built.terrain import any_positive, find_lines, is_near, magnitude, min_gap
 from eldir.engine.compiler import ti
 
 
@@ -29,38 +29,38 @@ def coulomb_impulse(height, tangential, normal, forward, backward, dt):
 
 
 @callable_in_kernels
-def meet_ground(group, now, i, wx, wy, forward, backward):
+def mass_contact(group, now, i, wx, wy, forward, backward):
     """Velocity of a mass after the impulses of the ground."""
-    return (meet_terrain if group.terrain else meet_table)(group, now, i, wx, wy, forward, backward)
+    return (terrain_contact if group.terrain else table_contact)(group, now, i, wx, wy, forward, backward)
 
 
 @ti.func
-def meet_table(group: ti.template(), now: ti.template(), i, wx, wy, forward, backward):
+def table_contact(group: ti.template(), now: ti.template(), i, wx, wy, forward, backward):
     taken, added = coulomb_impulse(now.y[i], wx, wy, forward, backward, group.dt)
     return wx - taken, wy + added
 
 
 @ti.func
-def meet_terrain(group: ti.template(), now: ti.template(), i, wx, wy, forward, backward):
+def terrain_contact(group: ti.template(), now: ti.template(), i, wx, wy, forward, backward):
     """The impulses of the segment under the mass and, where it crosses a corner of the ground in this step,
     of the segment to which it comes."""
     vx, vy = variable(wx), variable(wy)
     x, y, dt = now.x[i], now.y[i], group.dt
     at = value_of(x)
     if is_near(group.ground, at, value_of(y), dt * (magnitude(value_of(wx)) + magnitude(value_of(wy)))):
-        under = ti.static(lines_under(group.ground, at))
-        vx, vy = meet_line(under, x, y, vx, vy, forward, backward, dt)
+        under = ti.static(find_lines(group.ground, at))
+        vx, vy = segment_contact(under, x, y, vx, vy, forward, backward, dt)
         ahead = at + dt * value_of(vx)
         outside = ti.select(ahead >= under.start, ti.select(ahead < under.end, ZERO, ONE), ONE)
         if any_positive(outside):
-            onto = ti.static(lines_under(group.ground, ahead))
-            ax, ay = meet_line(onto, x, y, vx, vy, forward, backward, dt)
+            onto = ti.static(find_lines(group.ground, ahead))
+            ax, ay = segment_contact(onto, x, y, vx, vy, forward, backward, dt)
             vx, vy = select(outside > ZERO, ax, vx), select(outside > ZERO, ay, vy)
     return vx, vy
 
 
 @ti.func
-def meet_line(line: ti.template(), x, y, vx, vy, forward, backward, dt):
+def segment_contact(line: ti.template(), x, y, vx, vy, forward, backward, dt):
     """Velocity of a mass after the impulse of one line."""
     gap = maximum((y - line.slope * x - line.intercept) * line.ny, min_gap(dt))
     tangential, normal = vx * line.ny - vy * line.nx, vx * line.nx + vy * line.ny
@@ -77,7 +77,7 @@ def move_masses(group: ti.template(), now: ti.template(), going):
         wy = now.numbers.decay * before_y + now.impulse_y[i] * w + now.numbers.gravity_normal_dt
         forward = now.friction[i]
         backward = forward * now.parameters.backward_friction
-        vx, vy = meet_ground(group, now, i, wx, wy, forward, backward)
+        vx, vy = mass_contact(group, now, i, wx, wy, forward, backward)
         now.x[i] = now.x[i] + select(going, group.dt * vx, ZERO)
         now.y[i] = now.y[i] + select(going, group.dt * vy, ZERO)
         now.vx[i] = select(going, vx, before_x)

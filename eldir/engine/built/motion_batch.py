@@ -16,9 +16,9 @@ from eldir.engine.built.motion_launch import (
     PARAMETERS,
     RECORDED,
     LaneArrays,
+    MotionArrays,
     MotionKind,
     MotionLaunch,
-    RobotArrays,
     RobotNumbers,
 )
 from eldir.engine.built.terrain import pack_terrain
@@ -29,7 +29,7 @@ from eldir.morphology import offsets
 from eldir.parameters.printed import Joints
 from eldir.terrain import Terrain
 
-_FIELDS = len(RobotArrays._fields)
+_FIELDS = len(MotionArrays._fields)
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class MotionInputs:
     direction: FloatArray
     """Unit vector from the second to the first mass of every spring at rest, shape (S, 2)."""
     joints: Joints
-    values: RobotArrays
+    values: MotionArrays
     terrain: Terrain | None = None
     """The ground; by default the table y = 0."""
 
@@ -82,7 +82,7 @@ class MotionResult(NamedTuple):
     rotations: FloatArray
     """Cosine and sine of the hubs' rotations, shape (K // every + 1, M, 2); without hubs (..., 0)."""
     state: FloatArray
-    """State at the end, laid out as `RobotArrays.state`."""
+    """State at the end, laid out as `MotionArrays.state`."""
     diverged_at: int
     """-1, or the interval in which it diverged."""
     tangents: tuple[FloatArray, FloatArray] | None = None
@@ -90,7 +90,7 @@ class MotionResult(NamedTuple):
 
 
 def run_motions(
-    members: Sequence[MotionInputs], every: int, tangents: Sequence[RobotArrays] | None = None
+    members: Sequence[MotionInputs], every: int, tangents: Sequence[MotionArrays] | None = None
 ) -> list[MotionResult]:
     """Moves all robots; results are in input order, and no robot's result depends on the others.
 
@@ -119,7 +119,7 @@ def run_motions(
 
 
 def _run_groups(
-    groups: list[list[MotionInputs]], tangents: list[list[RobotArrays]] | None, every: int
+    groups: list[list[MotionInputs]], tangents: list[list[MotionArrays]] | None, every: int
 ) -> list[list[MotionResult]]:
     """Motions of groups of `LANES` robots with the same joints on the same ground."""
     first = [group[0] for group in groups]
@@ -170,10 +170,10 @@ def _group_results(
     return [result(lane) for lane in range(LANES)]
 
 
-def _lane_arrays(groups: list[list[RobotArrays]], scratch: int, record: int) -> LaneArrays:
+def _lane_arrays(groups: list[list[MotionArrays]], scratch: int, record: int) -> LaneArrays:
     """The values of all robots, or their tangents, with room for impulses and recorded numbers."""
     by_field = ([[np.asarray(robot[k]) for robot in group] for group in groups] for k in range(_FIELDS))
-    return LaneArrays(RobotArrays(*map(_lanes, by_field)), impulse=_zeros(scratch), record=_zeros(record))
+    return LaneArrays(MotionArrays(*map(_lanes, by_field)), impulse=_zeros(scratch), record=_zeros(record))
 
 
 def _lanes(groups: list[list[FloatArray]]) -> FloatArray:

@@ -55,7 +55,7 @@ class MotionKind(NamedTuple):
     """Whether the ground is a terrain; otherwise it is the table y = 0."""
 
 
-class RobotArrays(NamedTuple):
+class MotionArrays(NamedTuple):
     """What a robot is moved by. In a launch these are the arrays of all robots, one group after the other."""
 
     numbers: Eights
@@ -87,7 +87,7 @@ class RobotArrays(NamedTuple):
     """Stiffness of the same springs [N/m], shape (K + 1, A)."""
 
 
-class GroundArrays(NamedTuple):
+class TerrainArrays(NamedTuple):
     """A terrain, as `eldir.engine.kernels.contact` describes it. Without one these arrays are not read."""
 
     cells: Count
@@ -113,7 +113,7 @@ class LaneArrays(NamedTuple):
     """Arrays that a launch has twice: as values, and as tangents, derivatives with respect to each lane's
     parameter."""
 
-    robots: RobotArrays
+    robots: MotionArrays
     impulse: Eights
     """Scratch of the workers: x, y and, unless strips are pinned, the moment's, of each mass."""
     record: Eights
@@ -149,7 +149,7 @@ class MotionLaunch(NamedTuple):
     """Unit vector of each spring at rest, from its second to its first mass."""
     status: Integers
     """For each robot -1, or the interval in which it diverged."""
-    ground: GroundArrays
+    ground: TerrainArrays
     values: LaneArrays
     tangents: LaneArrays
     """The same arrays as `values` where no tangents are computed; they are not read then."""
@@ -174,7 +174,7 @@ class GroupSizes(NamedTuple):
     record_at: Any
     ends: Any
     direction: Any
-    ground: GroundArrays
+    ground: TerrainArrays
 
     @property
     def tangents(self) -> bool:

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eldir.engine.built.motion_launch import LANES, ZERO, GroundArrays, LaneVector
+from eldir.engine.built.motion_launch import LANES, ZERO, LaneVector, TerrainArrays
 from eldir.engine.compiler import ti
 from eldir.engine.ground import pack_segments
 from eldir.engine.kernels.contact import INFINITY, SEGMENT_VALUES, find_segment
@@ -23,7 +23,7 @@ _STEEP = 1.7
 """Slope up to which the ground meets one of three corners of a hub."""
 
 
-class Lines(NamedTuple):
+class SegmentLines(NamedTuple):
     """The segments under one point of each robot."""
 
     slope: Any
@@ -71,7 +71,7 @@ def is_near(ground: ti.template(), x, y, travel):
 
 
 @ti.func
-def lines_under(ground: ti.template(), x):
+def find_lines(ground: ti.template(), x):
     slope, intercept, nx, ny = LaneVector(0.0), LaneVector(0.0), LaneVector(0.0), LaneVector(1.0)
     start, end = LaneVector(0.0), LaneVector(0.0)
     for j in ti.static(range(LANES)):
@@ -79,10 +79,10 @@ def lines_under(ground: ti.template(), x):
         start[j], end[j] = ground.segments[s], ground.segments[s + 1]
         slope[j], intercept[j] = ground.segments[s + 2], ground.segments[s + 3]
         nx[j], ny[j] = ground.segments[s + 5], ground.segments[s + 6]
-    return ti.static(Lines(slope, intercept, nx, ny, start, end))
+    return ti.static(SegmentLines(slope, intercept, nx, ny, start, end))
 
 
-def pack_terrain(terrain: Terrain | None, corner: float) -> GroundArrays:
+def pack_terrain(terrain: Terrain | None, corner: float) -> TerrainArrays:
     """The terrain for hubs whose corners are at most this far from their centres [m]."""
     terrain = terrain or Terrain(np.zeros(1), np.zeros(1), np.zeros(1))
     rows = np.stack([terrain.x0, terrain.slope, terrain.intercept, terrain.intercept], axis=1)
@@ -91,7 +91,7 @@ def pack_terrain(terrain: Terrain | None, corner: float) -> GroundArrays:
     further = float(np.radians(60))
     first = -further * (corners // 2)
     cells = len(ground.cell_segment)
-    return GroundArrays(
+    return TerrainArrays(
         cells=cells, last_segment=len(rows) - 1, corners=corners,
         grid_start=ground.grid_start, cells_per_m=ground.cells_per_m,
         first_cosine=float(np.cos(first)), first_sine=float(np.sin(first)),
@@ -109,7 +109,9 @@ def _tops(terrain: Terrain, start: float, width: float, cells: int, corner: floa
     high = low + width + 2 * around
     low[0], high[-1] = -INFINITY, INFINITY
     tops = np.maximum(terrain.height(low), terrain.height(high))
-    for x in terrain.x0[1:]:
-        inside = (low <= x) & (x <= high)
-        tops[inside] = np.maximum(tops[inside], terrain.height(x))
+    corners = terrain.x0[1:]
+    heights = terrain.height(corners)
+    first, end = np.searchsorted(corners, low), np.searchsorted(corners, high, side="right")
+    for cell in np.flatnonzero(first < end):
+        tops[cell] = max(tops[cell], heights[first[cell] : end[cell]].max())
     return tops

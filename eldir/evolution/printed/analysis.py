@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from eldir.built import ground
@@ -27,13 +26,14 @@ from eldir.core.pictures import (
 from eldir.core.records import FloatArray
 from eldir.errors import InputError
 from eldir.evolution import tables
-from eldir.evolution.figures import chart, whole_numbers
+from eldir.evolution.figures import chart, draw_springs, whole_numbers
 from eldir.evolution.printed.archive import Walker
 from eldir.evolution.printed.run_folder import PrintedRun, read_status
 from eldir.morphology import Morphology
 from eldir.terrain import Terrain
 
 _COLUMNS = 4  # of robots side by side
+_AHEAD = 10.0  # body lengths of a terrain before the robot that are drawn, at most
 _WALK = "walk [body lengths per 5 cycles]"
 _SHOWN = 12
 """Elites whose bodies and gaits are drawn, the best first."""
@@ -164,9 +164,7 @@ def bodies_figure(elites: Sequence[Elite]) -> Figure:
     for axes, e in zip(drawn, elites, strict=False):
         x, y = e.body.positions.T
         place = np.column_stack([x - (x.min() + x.max()) / 2, y - y.min()])
-        ends = place[e.body.springs]
-        for kind, colour, width in ((~e.body.active, PASSIVE, 1.0), (e.body.active, MOTOR, 2.6)):
-            axes.add_collection(LineCollection(list(ends[kind]), colors=colour, linewidths=width))
+        draw_springs(axes, place, e.body)
         axes.plot(*place.T, "o", ms=2.5, color="black")
         axes.axhline(0.0, color=GROUND, lw=1.0, zorder=0)
         axes.set_aspect("equal")
@@ -183,15 +181,10 @@ def ground_figure(best: Elite, terrain: Terrain) -> Figure:
     """Figure of the terrain, with a robot where it begins."""
     figure = Figure(figsize=(8.0, 3.0), layout="constrained")
     axes = figure.add_subplot(xlabel="forward [m]", ylabel="height [m]")
-    place_x, place_y = ground.place(best.robot, terrain)[:2]
-    ends = np.column_stack([place_x, place_y])[best.robot.springs]
-    for kind, colour, width in (
-        (~best.robot.active, PASSIVE, 1.0),
-        (best.robot.active, MOTOR, 2.6),
-    ):
-        axes.add_collection(LineCollection(list(ends[kind]), colors=colour, linewidths=width))
-    margin = best.robot.body_length
-    first, last = place_x.min() - margin, max(terrain.x0[-1], place_x.max()) + margin
+    begin = ground.place(best.robot, terrain)[:2].T
+    draw_springs(axes, begin, best.body)
+    length, (back, front) = best.robot.body_length, (begin[:, 0].min(), begin[:, 0].max())
+    first, last = back - length, min(max(terrain.x0[-1], front), front + _AHEAD * length) + length
     x = np.unique([first, last, *terrain.x0[(terrain.x0 > first) & (terrain.x0 < last)]])
     axes.plot(x, terrain.height(x), color=GROUND)
     axes.set_aspect("equal")

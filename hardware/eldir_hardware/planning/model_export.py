@@ -44,7 +44,7 @@ def export_robot(
     folder = stem.with_name(f"{stem.name}-parts")
     table, runner = stem.with_name(f"{stem.name}-schedule.csv"), stem.with_name(f"{stem.name}-run.py")
     require_new(out, folder, *((table, runner) if schedule else ()))
-    model = build_multibody(body, spec, printer, ballast=design.ballast)
+    model = build_multibody(body, spec, printer, ballast=design.ballast, terrain=design.printed_terrain)
     rows = None if schedule is None else _table(model, schedule, springs or SpringParameters())
     shapes = hub_shapes(assemble(body, spec))
     with new_folder(folder) as draft:

@@ -12,9 +12,16 @@ from functools import cache
 import numpy as np
 
 from eldir.built.gait import CYCLES, Gait
-from eldir.built.gait_search import GaitSearchResult, HeatingLimits, Stage, find_gait, silent
+from eldir.built.gait_search import (
+    GaitSearchResult,
+    HeatingLimits,
+    Stage,
+    find_gait,
+    nominal_robots,
+    silent,
+)
 from eldir.built.heat import HeatModel, SpringState, heating_time
-from eldir.built.samples import SampledWalks
+from eldir.built.samples import IdentifiedRobots, RobotDistribution, SampledWalks, simulate_robots
 from eldir.built.scene import PrintedScene
 from eldir.built.screening import candidate_gaits
 from eldir.core.pictures import png
@@ -24,11 +31,17 @@ from eldir.design import Design
 from eldir.parameters.springs import SpringParameters
 from eldir_hardware.planning.compiler import compile_schedule
 from eldir_hardware.rig.configuration import Rig
-from eldir_hardware.rig.supply import LimitError, power_shares, scale_by_shares
+from eldir_hardware.rig.supply import LimitError, power_shares, scale_by_shares, springs_at_tolerances
 from eldir_hardware.safety.compatibility import with_digests
 from eldir_hardware.safety.limits import DUTY_WINDOW, check_heat, max_pulse
 from eldir_hardware.safety.margins import heat_margins
-from eldir_hardware.schedule import ActuationSchedule, PredictedCycle, PredictedWalk, Pulse
+from eldir_hardware.schedule import (
+    ActuationSchedule,
+    PredictedCycle,
+    PredictedWalk,
+    Pulse,
+    ToleranceWalks,
+)
 
 MAX_PERIOD_S = 120.0
 """Longest period of a gait that is searched [s]."""
@@ -90,10 +103,14 @@ def plan(
         config.cycles,
         {"eldir": __version__, "seed": config.seed, "rig": rig.name, "design": config.design_file},
     )
+    on_stage("simulating the ends of the rig's tolerances")
+    scene = config.scene
+    robots = nominal_robots(design, limits) if scene is None else IdentifiedRobots.of(design, scene)
     predicted = replace(
         schedule.predicted,
         method=found.method,
         displacement=_displacements(found),
+        tolerances=simulate_tolerances(robots, found.gait, rig),
         cycle=predict_cycle(schedule, rig),
         choice=found.reason or None,
         margins=heat_margins(schedule, rig),
@@ -143,6 +160,26 @@ def _displacements(found: GaitSearchResult) -> dict[str, PredictedWalk]:
     if found.kept_film is not None:
         walks["filmed"] = replace(walks["filmed"], filmed=round(found.kept_film.walked, 6))
     return walks
+
+
+def simulate_tolerances(robots: RobotDistribution, gait: Gait, rig: Rig) -> ToleranceWalks:
+    """Walks of the most probable robot, a coarse one, at the ends of the rig's tolerances."""
+    ends = [  # current, convection, room
+        (0, 0, 0), (-1, 0, 0), (1, 0, 0), (0, -1, 0), (0, 1, 0), (0, 0, -1), (0, 0, 1), (-1, 1, -1)
+    ]  # fmt: skip
+    one = robots.robot
+    off = [
+        replace(
+            one,
+            springs=springs_at_tolerances(rig, one.springs, *end),
+            own_springs=tuple(springs_at_tolerances(rig, spring, *end) for spring in one.own_springs),
+        )
+        for end in ends
+    ]
+    (walks,) = simulate_robots(robots, off, [gait], coarse=True)
+    nominal, *pairs, coldest = (round(float(walk), 6) if np.isfinite(walk) else None for walk in walks)
+    current, convection, room = zip(pairs[::2], pairs[1::2], strict=True)
+    return ToleranceWalks(nominal, current, convection, room, coldest)
 
 
 def _predicted_walk(gait: Gait, walks: SampledWalks) -> PredictedWalk:
@@ -262,6 +299,25 @@ def _make_title(schedule: ActuationSchedule) -> str:
         return ""
     walk, fallen = describe_walk(schedule.predicted.walk)
     return f"{schedule.predicted.method}: {walk}\n{fallen}"
+
+
+def describe_tolerances(walks: ToleranceWalks, rig: Rig) -> str:
+    """How much a walk depends on what heats and cools all springs alike, in one line."""
+
+    def name(walk: float | None) -> str:
+        return "falls" if walk is None else f"{walk:+.2f}"
+
+    allowed = rig.tolerances
+    ends = (
+        (f"{allowed.current:.0%} less or more current", walks.current),
+        (f"{allowed.convection_tolerance:.0%} less or more cooling", walks.convection),
+        (f"air of {allowed.ambient_min_c:g} or {allowed.ambient_max_c:g} C", walks.room),
+    )
+    each = "; ".join(f"{what} {name(low)} or {name(high)}" for what, (low, high) in ends)
+    return (
+        f"heat of all springs off at once: {name(walks.nominal)} with the rig file's values; {each}; "
+        f"the coldest of all {name(walks.coldest)}"
+    )
 
 
 def describe_walk(walk: PredictedWalk) -> tuple[str, str]:

@@ -50,17 +50,27 @@ def worst_springs(rig: Rig) -> SpringParameters:
 def coldest_springs(rig: Rig) -> SpringParameters:
     """The springs that stay coldest within the rig file's tolerances, and move least."""
     _require_measured(rig)
-    nominal, allowed = rig.spring_parameters(), rig.tolerances
-    corner = replace(
-        nominal,
-        ambient=allowed.ambient_min_c,
-        supply_voltage=nominal.supply_voltage * (1 - allowed.current),
-        current_limit=nominal.current_limit * (1 - allowed.current),
-        convection_fan=nominal.convection_fan * (1 + allowed.convection_tolerance),
-    )
+    corner = springs_at_tolerances(rig, rig.spring_parameters(), current=-1, convection=1, room=-1)
     return min(
         (corner.with_resistance(r) for r in _extreme_resistances(corner, rig)),
         key=lambda p: float(p.power(0.0)),
+    )
+
+
+def springs_at_tolerances(
+    rig: Rig, springs: SpringParameters, current: float = 0.0, convection: float = 0.0, room: float = 0.0
+) -> SpringParameters:
+    """Springs on a rig that is off by these parts of its tolerances, -1 to 1; their resistance stays."""
+    allowed = rig.tolerances
+    supply, air = 1.0 + allowed.current * current, 1.0 + allowed.convection_tolerance * convection
+    reach = (allowed.ambient_max_c if room > 0 else allowed.ambient_min_c) - springs.ambient
+    return replace(
+        springs,
+        ambient=springs.ambient + abs(room) * reach,
+        supply_voltage=springs.supply_voltage * supply,
+        current_limit=springs.current_limit * supply,
+        convection_fan=springs.convection_fan * air,
+        convection_still=springs.convection_still * air,
     )
 
 

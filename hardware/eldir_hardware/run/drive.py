@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from eldir.built.ground import lay_on_table
 from eldir.core.files import require_new
 from eldir.core.records import FloatArray, IntArray
 from eldir.design import Design
@@ -291,7 +292,7 @@ def _open_virtual(
         printed, springs = far.printed, far.springs
     entry = rig.camera if isinstance(rig.camera, VirtualCameraEntry) else None
     with _open_body(rig, design, springs, printed) as body, VirtualRig(rig, body, springs) as virtual:
-        camera = None if entry is None else virtual_camera(rig, entry, body, schedule)
+        camera = None if entry is None else virtual_camera(rig, entry, body, schedule, lay_on_table(design))
 
         @contextmanager
         def filming(log: FilmLog) -> Iterator[Callable[[float], None]]:
@@ -317,10 +318,11 @@ def _open_body(
 ) -> Iterator[DrivenBody]:
     from eldir_hardware.virtual.bodies import BodyProcess, virtual_body
 
-    given = (rig.virtual.physics, design.morphology, rig.virtual.seed, springs, design.ballast, printed)
-    if rig.virtual.clock == "virtual":
+    virtual, body = rig.virtual, design.morphology
+    given = (virtual.physics, body, virtual.seed, springs, design.ballast, printed, lay_on_table(design))
+    if virtual.clock == "virtual":
         yield virtual_body(*given)
         return
     # In this process its engine would delay the emulated board, which then would not answer in time.
-    with BodyProcess(*given) as body:
-        yield body
+    with BodyProcess(*given) as process:
+        yield process

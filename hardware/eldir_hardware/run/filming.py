@@ -7,7 +7,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from math import inf
 from pathlib import Path
@@ -16,10 +16,12 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from eldir.built.ground import lay_on_table, place, surface_line
 from eldir.built.robot import build
 from eldir.core.records import FileRecord, FloatArray, IntArray
 from eldir.design import Design
 from eldir.errors import EldirError, InputError
+from eldir.terrain import Terrain
 from eldir_hardware.camera.lens import Lens, require_not_expired
 from eldir_hardware.camera.plane import FieldOfView, Image, Plane, TagBoard
 from eldir_hardware.resource import Resource
@@ -35,6 +37,7 @@ if TYPE_CHECKING:
 _MIN_RANGE = 1.0
 """Shortest distance ahead and behind that the camera sees [body lengths]."""
 _SPARE = 0.3  # [body lengths]
+_ANY_WALK = (1.3, 1.3)  # ahead and behind, where no walk is predicted [body lengths]
 MAX_FRAME_GAP = 1.0
 """A longer time without a frame is reported [s]."""
 _CLOSING = 2.0  # longest wait for the thread at the end, which may wait for a picture [s]
@@ -83,17 +86,39 @@ class CameraFiles:
 
 
 def virtual_camera(
-    rig: Rig, entry: VirtualCameraEntry, body: DrivenBody, schedule: ActuationSchedule
+    rig: Rig,
+    entry: VirtualCameraEntry,
+    body: DrivenBody,
+    schedule: ActuationSchedule,
+    terrain: Terrain | None = None,
 ) -> VirtualCamera:
-    """The rig's virtual camera, far enough away to see all places that the robot should reach."""
-    return _render_camera(rig, entry, FieldOfView.around(body.positions, *visible_range(schedule)))
+    """The rig's virtual camera, far enough away to see all places that the robot should reach. `terrain`: the
+    ground on the table, which it sees too; by default there is none."""
+    return _render_camera(rig, entry, body.positions, visible_range(schedule), terrain)
 
 
-def _render_camera(rig: Rig, entry: VirtualCameraEntry | LiveCameraEntry, view: FieldOfView) -> VirtualCamera:
-    from eldir_hardware.vision.virtual_camera import VirtualCamera
+def _render_camera(
+    rig: Rig,
+    entry: VirtualCameraEntry | LiveCameraEntry,
+    positions: FloatArray,
+    reach: tuple[float, float],
+    terrain: Terrain | None,
+) -> VirtualCamera:
+    """A camera that sees a body from where it stands as far as it should `reach`, ahead and behind [body
+    lengths], and the ground there."""
+    from eldir_hardware.vision.virtual_camera import HUB_RADIUS, VirtualCamera
 
-    size = (entry.width, entry.height)
-    return VirtualCamera(rig.virtual.seed, view, size=size, rate=entry.rate_hz, marker=rig.marker)
+    view, size = FieldOfView.around(positions, *reach), (entry.width, entry.height)
+    if terrain is not None:
+        climbed = terrain.height(np.linspace(view.min_x, view.max_x, 200)).max()
+        highest = float(climbed + np.ptp(positions[:, 1])) + 0.05
+        view = replace(view, height=max(view.height, highest))
+    camera = VirtualCamera(rig.virtual.seed, view, size=size, rate=entry.rate_hz, marker=rig.marker)
+    if terrain is not None:
+        # MuJoCo's heights count from the table, the engine's from the centre of a mass that stands on it.
+        corner = 0.0 if rig.virtual.physics == "mujoco" else HUB_RADIUS
+        camera.paint_ground(surface_line(terrain, positions, corner))
+    return camera
 
 
 def record_frames(
@@ -119,7 +144,7 @@ def visible_range(schedule: ActuationSchedule) -> tuple[float, float]:
     in all cycles, plus three standard deviations."""
     walk = schedule.predicted.walk
     if walk is None or walk.mean is None:
-        return 1.3, 1.3
+        return _ANY_WALK
     part = (schedule.cycles + schedule.conditioning_cycles) / 5  # walks are predicted for five cycles
     mean, spread = part * walk.mean, part * (walk.spread or 0.0)
     return max(_MIN_RANGE, mean + 3 * spread + _SPARE), max(_MIN_RANGE, -mean + 3 * spread + _SPARE)
@@ -214,8 +239,9 @@ class RobotCamera:
     def __init__(self, rig: Rig, design: Design):
         entry = rig.camera or VirtualCameraEntry(kind="virtual")
         self._springs, self._marked = design.morphology.springs, design.marks
-        view = FieldOfView.around(build(design.morphology).positions)
-        self._camera = _render_camera(rig, entry, view)
+        robot, terrain = build(design.morphology), lay_on_table(design)
+        positions = place(robot, terrain)[:2].T
+        self._camera = _render_camera(rig, entry, positions, _ANY_WALK, terrain)
         self.tags = json.dumps(self._camera.board.to_json())
         """The reference tags around the robot, as the JSON of their file."""
 

@@ -149,12 +149,15 @@ class BodyProcess:
         springs: SpringParameters,
         ballast: FloatArray,
         built: BuiltParameters | None = None,
+        terrain: Terrain | None = None,
     ):
         """The robot of `virtual_body`, with the same parameters and errors."""
         context = get_context("spawn")
         self._connection, other = context.Pipe()
         self._process = context.Process(
-            target=_serve, args=(other, physics, morphology, seed, springs, ballast, built), daemon=True
+            target=_serve,
+            args=(other, physics, morphology, seed, springs, ballast, built, terrain),
+            daemon=True,
         )
         self._process.start()
         other.close()
@@ -196,6 +199,7 @@ def _serve(
     springs: SpringParameters,
     ballast: FloatArray,
     built: BuiltParameters | None,
+    terrain: Terrain | None,
 ) -> None:
     from eldir.core import program_log
 
@@ -203,9 +207,10 @@ def _serve(
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends this process
     try:
         # Another body moves for a moment: the engine compiles now.
-        spare = virtual_body(physics, morphology, seed, springs, ballast, built)
+        given = physics, morphology, seed, springs, ballast, built, terrain
+        spare = virtual_body(*given)
         spare.move(np.full((1, morphology.motors), springs.cold_length), 0.05)
-        body = virtual_body(physics, morphology, seed, springs, ballast, built)
+        body = virtual_body(*given)
         connection.send((body.springs, body.positions))
         while True:
             body.move(*connection.recv())

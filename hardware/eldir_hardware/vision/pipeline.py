@@ -17,6 +17,7 @@ from eldir.trajectory import Trajectory
 from eldir_hardware.camera.plane import Image, Plane, TagBoard
 from eldir_hardware.camera.plane_fit import calibrate_plane
 from eldir_hardware.camera.tags import DriftMonitor
+from eldir_hardware.images.video import GROUND_COLOUR
 from eldir_hardware.log.reader import RunLog
 from eldir_hardware.markers.registration import DEFAULT_KIND, PALETTE, load_kind, nominal_bgr
 from eldir_hardware.markers.tracker import MarkerTracker
@@ -132,8 +133,11 @@ def track_log(log: RunLog) -> Trajectory:
     ).trajectory
 
 
-def draw_overlay(image: Image, plane: Plane, trajectory: Trajectory) -> bytes:
-    """A picture (PNG) to check the result: paths of the markers, their names, the ground and a scale."""
+def draw_overlay(
+    image: Image, plane: Plane, trajectory: Trajectory, ground: FloatArray | None = None
+) -> bytes:
+    """A picture (PNG) to check the result: paths of the markers, their names, the table and a scale.
+    `ground`: corners of the surface of a printed ground on it [m], shape (K, 2)."""
     picture = cv2.resize(image, None, fx=_ZOOM, fy=_ZOOM, interpolation=cv2.INTER_CUBIC)
 
     def line(points: FloatArray, colour: tuple[float, ...], width: int) -> None:
@@ -147,6 +151,8 @@ def draw_overlay(image: Image, plane: Plane, trajectory: Trajectory) -> bytes:
         line(np.array([[tenth / 10, 0.0], [tenth / 10, -0.008]]), (255, 255, 255), 2)
         position = plane.to_pixels(np.array([tenth / 10, -0.02]))
         _write_text(picture, f"{tenth / 10:.1f} m", position, 0.5)
+    if ground is not None:
+        line(ground, GROUND_COLOUR, 2)
     ends: list[tuple[str, FloatArray]] = []
     for k, name in enumerate(trajectory.names):
         path = trajectory.positions[:, k]

@@ -26,6 +26,8 @@ HUB_RADIUS = 0.00693
 """Circumscribed radius of a mass as printed [m]."""
 STRIP_THICKNESS = 0.001
 """Thickness of a strip as printed [m]."""
+_TABLE_EDGE = -0.005  # height of the middle of its line [m]
+_RESIN = 0.2  # reflectance of a printed ground
 _SUBPIXELS = 4
 """Subpixels along a pixel's side; discs have soft edges within these, so their centres are exact."""
 _PAPER_BORDER = 0.22
@@ -118,6 +120,15 @@ class VirtualCamera:
             rms_px=0.0,
             rms_interval_px=(0.0, 0.0),
         )
+
+    def paint_ground(self, surface: FloatArray) -> None:
+        """Paint a printed ground behind the robot, from the table up to a surface with corners x and height
+        [m], shape (K, 2)."""
+        x, y = np.moveaxis(self.pixel_positions, 2, 0)
+        height = np.interp(x, surface[:, 0], surface[:, 1], left=-np.inf, right=-np.inf)
+        background = self.background.copy()
+        background[(y > _TABLE_EDGE) & (y < height)] = _RESIN
+        self.background = background
 
     def render(self, positions: FloatArray, springs: IntArray, marked: IntArray) -> Image:
         """One frame, BGR: masses at `positions` (M, 2) [m], strips between `springs` (S, 2), markers

@@ -27,6 +27,7 @@ from eldir_cad.shortlist import ranking as module
 from eldir_cad.shortlist.folder import write_shortlist
 from eldir_cad.shortlist.ranking import RankedDesign, Shortlist, rank
 from tests.cad.drawn_bodies import BLOCK, HOURGLASS, TOWER, WHEEL, design
+from tests.eldir.built.grounds import plane
 from tests.eldir.evolution.run_folders import go_on
 from tests.paths import SCHEMAS
 from tests.raised import raises
@@ -180,15 +181,19 @@ def test_a_missing_run_is_named(tmp_path):
         command(tmp_path / "no-run", tmp_path / "out")
 
 
-def test_what_evolved_with_a_gait_walks_in_it_and_falls_count(tmp_path, monkeypatch):
-    """No phases are searched; of two designs the one that falls in half of its samples comes last."""
+@pytest.mark.parametrize("ground", [None, plane(0.1)], ids=["table", "slope"])
+def test_what_evolved_with_a_gait_walks_in_it_and_falls_count(tmp_path, monkeypatch, ground):
+    """No phases are searched; of two designs the one that falls in half of its samples comes last. Robots
+    with hubs are coarse on a table alone."""
     evolved = Gait(20.0, np.array([0.0, 0.4]), np.array([0.3, 0.3]), "evolved")
     other = design("1111100", "1100111", "0100010", "0000000", motors=(17, 22))
-    designs = [replace(d, provenance={"gait": evolved.to_json()}) for d in (WALKER, other)]
+    designs = [
+        replace(d, provenance={"gait": evolved.to_json()}, printed_terrain=ground) for d in (WALKER, other)
+    ]
     walks = {17 + 23: [2.0, -np.inf, 2.1, -np.inf], 17 + 22: [1.4, 1.5, 1.4, 1.5]}
 
     def sampled(robots, gaits, seed, coarse):
-        assert coarse  # robots with hubs
+        assert coarse == (ground is None) and robots.terrain == ground
         assert [g.phase[1] for g in gaits] == [0.4]
         motors = int(np.flatnonzero(robots.morphology.active).sum())
         return [SampledWalks(np.array(walks[motors]), np.zeros(4))]
@@ -196,7 +201,7 @@ def test_what_evolved_with_a_gait_walks_in_it_and_falls_count(tmp_path, monkeypa
     monkeypatch.setattr(module, "sample_walks", sampled)
     monkeypatch.setattr(module, "screen", lambda *_, **__: pytest.fail("phases were searched"))
     monkeypatch.setattr(module, "check", lambda *_: BuildReport.of((), {}))
-    monkeypatch.setattr(module, "walk", lambda *_: 1.9)
+    monkeypatch.setattr(module, "walk", lambda *_, **__: 1.9)
     found = rank(designs, top=2, springs=SpringParameters(current_limit=3.45))
     assert [c.spread.displacement.tolist() for c in found.candidates] == [walks[39], walks[40]]
     assert [c.gait.method for c in found.candidates] == ["evolved", "evolved"]
@@ -220,7 +225,7 @@ def test_of_robots_with_a_gait_those_that_differ_are_sampled_first(monkeypatch):
 
     monkeypatch.setattr(module, "sample_walks", walks)
     monkeypatch.setattr(module, "check", lambda *_: BuildReport.of((), {}))
-    monkeypatch.setattr(module, "walk", lambda *_: 1.0)
+    monkeypatch.setattr(module, "walk", lambda *_, **__: 1.0)
     for top, looked_at in ((1, [0, 2]), (2, [0, 2, 1]), (3, [0, 2, 1])):
         sampled.clear()
         found = rank(designs, top=top, springs=SpringParameters(current_limit=3.45))

@@ -57,12 +57,23 @@ def test_a_built_scene_is_driven_and_not_taught() -> None:
     assert motion.times == pytest.approx([0, 0.05, 0.1, 0.15])
 
 
+def test_a_built_scene_may_have_any_terrain() -> None:
+    """It is saved with it, keeps its law of contact, and a robot stands on it."""
+    ground = Terrain.rugged(np.random.default_rng(0))
+    scene = Scene.preset("built").replace(terrain=ground)
+    assert scene.contact == "coulomb" and Scene.from_json(json.loads(json.dumps(scene.to_json()))) == scene
+    assert scene.built is not None
+    robot = build(bodies(1)[0], scene.built)
+    (motion,) = drive([robot], [unheated(robot, 4)], scene.dt, terrain=scene.terrain)
+    over = motion.positions[0, :, 1] - ground.height(motion.positions[0, :, 0])
+    assert over.min() == pytest.approx(0.0, abs=1e-9)
+
+
 @pytest.mark.parametrize(
     ("name", "value", "code", "key"),
     [
         ("contact", "friction", "scene.inconsistent", "Scene.built"),
         ("precision", "f32", "scene.inconsistent", "Scene.precision"),
-        ("terrain", Terrain.rugged(np.random.default_rng(0)), "scene.inconsistent", "Scene.terrain"),
         ("built", None, "scene.inconsistent", "Scene.built"),
         ("gravity", 1.0, "built-parameters.wrong-value", "gravity"),
     ],

@@ -112,6 +112,7 @@ def test_the_doctor_names_a_missing_or_damaged_design_of_a_virtual_rig(tmp_path)
     make_design().save(tmp_path / "robot.json")
     result = run("doctor", "--rig", path)
     assert result.exit_code == 0 and "ok    robot: " in result.output
+    assert "clock: " not in result.output  # nothing waits for the clock of this computer
     path.write_text(virtual_rig())
     assert "robot: " not in run("doctor", "--rig", path).output
 

@@ -1,5 +1,7 @@
 """Heat of springs alone and together, against Ohm's law written out here."""
 
+from dataclasses import fields, replace
+
 import numpy as np
 import pytest
 import yaml
@@ -15,6 +17,7 @@ from eldir_hardware.rig.supply import (
     find_implausible_springs,
     power_shares,
     scale_by_shares,
+    springs_at_tolerances,
     steady_temperature_in_still_air,
     worst_springs,
 )
@@ -69,9 +72,29 @@ def test_the_two_corners_of_the_tolerances(current, less_heats_more):
     assert (worst.supply_voltage, coldest.supply_voltage) == pytest.approx((11.88, 10.12))
     assert (worst.current_limit, coldest.current_limit) == pytest.approx((1.08 * current, 0.92 * current))
     assert (worst.convection_fan, coldest.convection_fan) == pytest.approx((128.0, 192.0))
-    assert worst.convection_still == pytest.approx(24.0)
+    assert (worst.convection_still, coldest.convection_still) == pytest.approx((24.0, 36.0))
     factors = (0.95, 1.05) if less_heats_more else (1.05, 0.95)
     assert (worst.resistance, coldest.resistance) == pytest.approx([0.987 * f for f in factors])
+
+
+def test_springs_on_a_rig_that_is_off_by_a_part_of_its_tolerances():
+    rig = rig_with(tolerances={"current": 0.1, "ambient_min_c": 10.0, "convection_tolerance": 0.2})
+    nominal = replace(rig.spring_parameters(), ambient=20.0)
+    assert springs_at_tolerances(rig, nominal) == nominal
+    off = springs_at_tolerances(rig, nominal, current=0.5, convection=-1.0, room=-0.5)
+    assert off.ambient == pytest.approx(15.0)
+    assert springs_at_tolerances(rig, nominal, room=0.5).ambient == pytest.approx(
+        25.0
+    )  # half of the way to 30
+    for name, factor in (
+        ("current_limit", 1.05),
+        ("supply_voltage", 1.05),
+        ("convection_fan", 0.8),
+        ("convection_still", 0.8),
+    ):
+        assert getattr(off, name) == pytest.approx(factor * getattr(nominal, name))
+    kept = {"ambient", "current_limit", "supply_voltage", "convection_fan", "convection_still"}
+    assert {f.name for f in fields(off) if getattr(off, f.name) != getattr(nominal, f.name)} == kept
 
 
 def test_still_air_that_was_not_measured_takes_the_least_heat():

@@ -153,13 +153,15 @@ def test_off_opens_what_is_closed(tmp_path):
     board = LcusBoard(port, 4, WallClock())
     board.switch({1: True, 2: True})
     board.close()
-    path = tmp_path / "rig.yaml"
-    path.write_text(real_rig("lcus", port))
+    path, link = tmp_path / "rig.yaml", tmp_path / "board"
+    link.symlink_to(port)
+    path.write_text(real_rig("lcus", str(link)))
     assert "FAIL  board: channels 1, 2 are closed" in run("doctor", "--rig", path)
     assert "all 4 channels are open" in run("off", "--rig", path)
     assert emulated.contacts == (False,) * 4
     assert "ok    board: lcus, all open" in run("doctor", "--rig", path)
     emulated.close()
+    link.unlink()  # at once another test may have a pseudo-terminal of the same number
     findings = json.loads(run("doctor", "--rig", path, "--json"))
     assert not next(f for f in findings if f["subject"] == "port")["ok"]
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from eldir.built.gait import Gait
 from eldir.built.motion import drive
 from eldir.built.robot import build
 from eldir.built.walking import stays_upright
@@ -17,8 +19,14 @@ from eldir.morphology import Morphology, develop
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.springs import SpringParameters
 from eldir.terrain import Terrain
+from eldir_cad.kit.printer import fit_to_printer, load_printer
+from eldir_cad.kit.specification import load_specification
+from eldir_calibration.transfer.compared_walks import walk_sampled_robot
+from eldir_hardware.planning.model_export import export_robot
 from eldir_hardware.virtual.bodies import EngineBody
 from eldir_hardware.virtual.mujoco_body import MujocoBody, MujocoMotion, sample_multibody
+from tests.cad.drawn_bodies import WHEEL
+from tests.cad.drawn_bodies import design as drawn_design
 from tests.calibration.dynamics.hidden_rigs import walker
 from tests.eldir.built.grounds import plane, steps
 from tests.hardware.virtual.multibody_models import FREE, hub, robot, small
@@ -98,6 +106,34 @@ def test_a_body_of_the_rig_stands_on_the_terrain() -> None:
     assert np.abs(centres - plane_of_engine.positions).max() < 0.004
     with raises(InputError, "input.wrong-value", "terrain"):
         MujocoBody(body, 3, SpringParameters(), terrain=plane(30.0))
+
+
+def test_an_exported_robot_stands_on_its_ground(tmp_path: Path) -> None:
+    """MuJoCo itself opens the file; in it the robot stands on the rugged ground, not on a table."""
+    mujoco = pytest.importorskip("mujoco")
+    spec = fit_to_printer(load_specification(), load_printer())
+    ground = rugged(2)
+    heights = []
+    for name, terrain in (("table", None), ("ground", ground)):
+        design = replace(drawn_design(*WHEEL), printed_terrain=terrain)
+        export_robot(design, tmp_path / f"{name}.xml", spec, load_printer())
+        model = mujoco.MjModel.from_xml_path(str(tmp_path / f"{name}.xml"))
+        data = mujoco.MjData(model)
+        mujoco.mj_step(model, data, 300)
+        heights.append(data.xpos[1:, 2].min())
+    assert heights[0] == pytest.approx(0.007, abs=0.002)
+    assert heights[1] > 0.05
+
+
+def test_a_walk_in_mujoco_is_on_the_ground_of_its_design() -> None:
+    """A cold robot stands still on the table, and turns over on a slope of 42 degrees."""
+    design = drawn_design(*WHEEL)
+    cold = Gait(3.0, np.zeros(1), np.array([0.01]))
+    given = cold, 3, SpringParameters(), 1
+    table = walk_sampled_robot(design, *given)
+    slope = walk_sampled_robot(replace(design, printed_terrain=plane(-0.9)), *given)
+    assert table.fault == "" and abs(table.displacement) < 0.05
+    assert slope.fault == "turns over"
 
 
 @pytest.mark.parametrize("start", [-30.0, 0.0, 30.0])

@@ -10,16 +10,25 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from eldir.built.gait import read_gait
+from eldir.built.gait_search import HeatingLimits, nominal_robots
+from eldir.built.robot import build
+from eldir.built.samples import sample_walks, simulate_most_probable
+from eldir.built.walking import walk
+from eldir.design import Design
 from eldir.errors import InputError
 from eldir.evolution.designs import load_run
 from eldir.evolution.printed.configuration import PrintedEvolutionConfig
 from eldir.evolution.printed.run_folder import PrintedRun
 from eldir.evolution.printed.trials import Trial, evaluate_walks
+from eldir.evolution.run_folder import RunFolder
 from eldir.evolution.search import make_terrain
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
-from eldir.terrain import Terrain
+from eldir.parameters.springs import SpringParameters
+from eldir.terrain import Terrain, TerrainFile
 from eldir_app.application import application
+from eldir_cad.shortlist.ranking import rank
 from tests.eldir.built.grounds import plane
 from tests.eldir.evolution.printed.small_searches import BODY, GAIT, SMALL
 from tests.raised import raises
@@ -27,6 +36,7 @@ from tests.raised import raises
 pytestmark = pytest.mark.slow(30)
 
 EVOLVE = "evolve --objective printed --lattice 4x7 --population 4 --generations 1 --static-margin 0 --seed 4"
+SMALLEST = "evolve --lattice 4x7 --population 2 --generations 0 --iterations 1"
 
 
 @pytest.fixture(scope="module")
@@ -64,13 +74,107 @@ def test_its_elites_walk_on_that_ground(run: Path) -> None:
         assert all(found) if same else not any(found)
 
 
-def test_the_analysis_draws_the_ground_and_a_shortlist_is_refused(run: Path, tmp_path: Path) -> None:
+def test_the_analysis_draws_the_ground(run: Path, tmp_path: Path) -> None:
     result = CliRunner().invoke(application(), ["analyse", str(run), "--out", str(tmp_path / "analysis")])
     assert result.exit_code == 0, result.output
     assert (tmp_path / "analysis" / "ground.svg").stat().st_size > 1000
     assert "ground.svg" in (tmp_path / "analysis" / "index.html").read_text()
-    with raises(InputError, "evolution.terrain", match="walk on rugged ground"):
-        load_run(run)
+
+
+def test_its_designs_know_their_ground(run: Path, tmp_path: Path) -> None:
+    """In both sizes: the controller is trained on the paper's, the printed robot is built for its own."""
+    terrain = PrintedRun.open(run).config.terrain
+    design = load_run(run)[0]
+    assert terrain is not None and design.printed_terrain == terrain
+    assert np.allclose(design.scene.terrain.intercept, make_terrain("level", 4).intercept, atol=1e-12)
+    assert design.scene.contact == "friction"
+    design.save(tmp_path / "design.json")
+    assert Design.load(tmp_path / "design.json") == design
+    flat = replace(design, printed_terrain=None)
+    assert "printed_terrain" not in flat.to_json()
+
+
+def test_gaits_are_searched_and_predicted_on_it(run: Path) -> None:
+    design = load_run(run)[0]
+    rig = HeatingLimits(SpringParameters(), lambda gait: True, lambda springs, motors: (20.0, 0.3))
+    gait = read_gait(design)
+    assert gait is not None
+    here, table = nominal_robots(design, rig), nominal_robots(replace(design, printed_terrain=None), rig)
+    (walks,) = sample_walks(here, [gait], 2, coarse=True, cycles=1)
+    robots = [build(design.morphology, one).coarse() for one in here.samples(2, 0)]
+    own = [walk(r, gait, cycles=1, terrain=design.printed_terrain) for r in robots]
+    assert walks.displacement == pytest.approx(own, abs=0.05)  # but for each motor's own springs
+    assert simulate_most_probable(here, [gait], cycles=1) == walk(
+        build(design.morphology, here.robot), gait, cycles=1, terrain=design.printed_terrain
+    )
+    assert simulate_most_probable(here, [gait], cycles=1) != simulate_most_probable(table, [gait], cycles=1)
+
+
+def test_a_shortlist_ranks_walks_on_it(run: Path) -> None:
+    design = load_run(run)[0]
+    (there,) = rank([design]).candidates
+    (table,) = rank([replace(design, printed_terrain=None)]).candidates
+    assert there.design.printed_terrain == design.printed_terrain
+    assert there.screened.best != table.screened.best
+    assert not np.array_equal(there.spread.displacement, table.spread.displacement)
+    with raises(InputError, "input.wrong-value", "designs", match="printed_terrain"):
+        rank([design, replace(design, printed_terrain=None)])
+
+
+def test_a_terrain_file_is_taken_by_both_objectives(tmp_path: Path) -> None:
+    ground, scale = Terrain.rugged(np.random.default_rng(1)), BuiltParameters().scale
+    TerrainFile("paper", ground).save(tmp_path / "paper.json")
+    TerrainFile("printed", ground.scaled(scale)).save(tmp_path / "printed.json")
+    for name in ("paper", "printed"):
+        given = ["--terrain", str(tmp_path / f"{name}.json")]
+        evolve = [*EVOLVE.replace("--generations 1", "--generations 0").split(), *given]
+        result = CliRunner().invoke(application(), [*evolve, "--out", str(tmp_path / f"{name}-1")])
+        assert result.exit_code == 0, result.output
+        printed = PrintedRun.open(tmp_path / f"{name}-1").config.terrain
+        assert printed is not None and np.allclose(printed.intercept, scale * ground.intercept, atol=1e-12)
+        result = CliRunner().invoke(
+            application(), [*SMALLEST.split(), *given, "--out", str(tmp_path / f"{name}-2")]
+        )
+        assert result.exit_code == 0, result.output
+        scene = RunFolder.open(tmp_path / f"{name}-2").config.scene
+        assert scene.contact == "friction" and np.allclose(scene.terrain.x0, ground.x0, atol=1e-12)
+        trained = load_run(tmp_path / f"{name}-2")[0].printed_terrain
+        assert trained is not None and np.allclose(trained.x0, scale * ground.x0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (None, "does not exist"),
+        ("{}", "eldir-terrain/1"),
+        (
+            '{"format": "eldir-terrain/1", "robot": "paper", "terrain": {"x0": [0], "slope": [0]}}',
+            "intercept",
+        ),
+        (
+            '{"format": "eldir-terrain/1", "robot": "moon", "terrain": '
+            '{"x0": [0], "slope": [0], "intercept": [0]}}',
+            "'paper' or 'printed'",
+        ),
+        (
+            '{"format": "eldir-terrain/1", "robot": "printed", "terrain": '
+            '{"x0": [0, 1], "slope": [25, 25], "intercept": [0, 0]}}',
+            "slopes up to 20",
+        ),
+    ],
+)
+def test_wrong_terrain_files_are_refused(text: str | None, says: str, tmp_path: Path) -> None:
+    if text is not None:
+        (tmp_path / "ground.json").write_text(text)
+    given = ["--terrain", str(tmp_path / "ground.json"), "--out", str(tmp_path / "run")]
+    result = CliRunner().invoke(application(), [*EVOLVE.split(), *given])
+    assert result.exit_code == 1 and says in str(result.exception) and not (tmp_path / "run").exists()
+
+
+def test_an_unknown_ground_is_refused(tmp_path: Path) -> None:
+    given = ["--terrain", "moon", "--out", str(tmp_path / "run")]
+    result = CliRunner().invoke(application(), [*EVOLVE.split(), *given])
+    assert result.exit_code == 2 and "incline" in result.output
 
 
 def test_a_slope_is_walked_as_a_tilted_table() -> None:

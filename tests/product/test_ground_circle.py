@@ -1,0 +1,140 @@
+"""The whole circle of a robot on a terrain, small: evolution, shortlist, packet, virtual rig, report."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from typer.testing import CliRunner
+
+from eldir.built.ground import lay_on_table
+from eldir.core.files import write_text
+from eldir.core.worker_process import WorkerProcess
+from eldir.design import Design
+from eldir.errors import InputError
+from eldir.parameters.printed import BuiltParameters
+from eldir.terrain import Terrain, TerrainFile
+from eldir_app.application import application
+from eldir_calibration.comparison.motions import prepare_report
+from eldir_calibration.comparison.recorded_run import open_run
+from eldir_calibration.identification.identification import read_films
+from eldir_calibration.report.comparison import MotionReport
+from eldir_calibration.report.page import ReportInput, write_report
+from eldir_hardware.planning.plan import PlanConfig, plan
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.rig.template import virtual_rig
+from eldir_hardware.run.drive import DriveConfig, drive_rig
+from eldir_hardware.virtual.bodies import default_physics
+from eldir_hardware.virtual.rig import BodyFrame
+from tests.raised import raises
+
+pytestmark = [pytest.mark.slow(90), pytest.mark.timeout(3600)]
+
+_X = np.array([-1.0, *np.arange(0.0, 1.2, 0.06)])
+_SLOPES = np.array([0.0, *np.resize([0.1, -0.06], len(_X) - 1)])
+"""Waves of a few millimetres that rise on average: a robot of the table walks on them too."""
+_HEIGHTS = np.concatenate([[0.0], np.cumsum(np.diff(_X) * _SLOPES[:-1])])
+WAVES = Terrain(_X, _SLOPES, _HEIGHTS - _SLOPES * _X)
+
+
+@dataclass(frozen=True)
+class Circle:
+    folder: Path
+    design: Design
+    truth: list[BodyFrame]
+    content: ReportInput
+    report: MotionReport
+
+
+def invoke(*arguments: str) -> str:
+    result = CliRunner().invoke(application(), list(arguments))
+    assert result.exit_code == 0, (arguments, result.output, result.exception)
+    return result.output
+
+
+@pytest.fixture(scope="module")
+def circle(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Circle]:
+    """As `eldir demo` plays it, but on a terrain: commands as far as they have options for a small size."""
+    folder = tmp_path_factory.mktemp("circle")
+    TerrainFile("printed", WAVES).save(folder / "waves.json")
+    size = ["--population", "4", "--generations", "0", "--seed", "4"]
+    ground = ["--terrain", str(folder / "waves.json")]
+    invoke("evolve", "--objective", "printed", *size, *ground, "--out", str(folder / "run"))
+    invoke("shortlist", str(folder / "run"), "--top", "1", "--out", str(folder / "shortlist"))
+    design_file = folder / "shortlist" / "design_01.json"
+    invoke("packet", str(design_file), "--out", str(folder / "packet"))
+    design = Design.load(folder / "packet" / "design.json")
+    write_text(folder / "rig.yaml", virtual_rig(4, "packet/design.json", physics=default_physics()))
+    rig = Rig.load(folder / "rig.yaml")
+    schedule = plan(design, rig, PlanConfig(seed=4, samples=2, cycles=1))
+    schedule.save(folder / "schedule.json")
+    truth: list[BodyFrame] = []
+    driving = DriveConfig(folder / "packet" / "design.json", on_body=truth.append)
+    drive_rig(schedule, rig, folder / "rig.yaml", folder / "log.mcap", driving)
+    with WorkerProcess("eldir_calibration.comparison.predictions") as worker:
+        content = prepare_report(folder / "log.mcap", design, worker, samples=2)
+    report = write_report(content, folder / "report")
+    yield Circle(folder, design, truth, content, report)
+
+
+def test_every_stage_knows_the_ground(circle: Circle) -> None:
+    run = json.loads((circle.folder / "run" / "run.json").read_text())
+    assert run["config"]["terrain"] == WAVES.to_json()
+    assert circle.design.printed_terrain == WAVES
+    assert TerrainFile.load(circle.folder / "packet" / "ground" / "terrain.json").terrain == WAVES
+    assert len(list((circle.folder / "packet" / "ground").glob("ground_*.stl"))) > 1
+
+
+def test_the_virtual_robot_stands_on_the_printed_ground(circle: Circle) -> None:
+    """In every frame its lowest corners touch the surface, which is as high over the table as the plate."""
+    terrain = lay_on_table(circle.design)
+    assert terrain is not None
+    corner = BuiltParameters().with_hubs().corner if default_physics() == "mujoco" else 0.0
+    over = [
+        (frame.positions[:, 1] - corner - terrain.height(frame.positions[:, 0])).min()
+        for frame in circle.truth[5:]
+    ]
+    assert min(over) > -0.003 and max(over) < 0.003
+    assert min(frame.positions[:, 1].min() for frame in circle.truth) > 0.012
+
+
+def test_the_film_is_near_the_prediction_on_the_ground(circle: Circle) -> None:
+    """In the first second the prediction stands as the filmed robot does; and the walk that the report says
+    is that of the virtual robot."""
+    found, film = circle.report.displacement, circle.content.tracked
+    first = np.array([f.positions for f in circle.truth if f.time_s <= film.start])[-1]
+    marks = circle.design.marks
+    walked = (circle.truth[-1].positions - first)[marks, 0].mean() / film.body_length * 5 / film.cycles
+    assert found["tracked"] == pytest.approx(walked, abs=0.1)
+    assert np.isfinite(found["predicted"]) and np.isfinite(found["simulated"])
+
+
+def test_the_report_draws_the_ground_and_says_what_is_not_measured(circle: Circle) -> None:
+    assert any("printed ground" in remark for remark in circle.content.remarks)
+    assert "Where the ground lies is not measured" in (circle.folder / "report" / "index.html").read_text()
+    overlay = circle.content.overlay
+    assert overlay is not None
+    pixels = np.asarray(Image.open(BytesIO(overlay)).convert("RGB")).astype(int)
+    yellow = (pixels[..., 0] > 220) & (pixels[..., 1] > 220) & (pixels[..., 2] < 60)
+    rows, columns = np.nonzero(yellow)
+    assert np.ptp(columns) > 0.3 * pixels.shape[1]
+    # The painted ground, which is darker than the wall, begins at the line.
+    inside = np.unique(columns)[20:-20:10]
+    edges = [int(rows[columns == c].max()) for c in inside]
+    below = np.array([pixels[e + 8, c].mean() for e, c in zip(edges, inside, strict=True)])
+    above = np.array([pixels[e - 14, c].mean() for e, c in zip(edges, inside, strict=True)])
+    assert np.median(above - below) > 15
+
+
+def test_a_log_on_a_ground_is_not_taken_for_one_on_a_table(circle: Circle) -> None:
+    table = replace(circle.design, printed_terrain=None)
+    with raises(InputError, "log.other-design", match="another ground"):
+        open_run(circle.folder / "log.mcap", table)
+    with raises(InputError, "dynamics.terrain", match="printed ground"):
+        read_films([circle.folder / "log.mcap"], circle.design)
