@@ -6,7 +6,7 @@ activations of the motors.
 
 from eldir.engine.compiler import ti
 from eldir.engine.kernels.layout import CPG_ROWS
-from eldir.engine.kernels.simd import fill, quad_component
+from eldir.engine.kernels.simd import fill, one, quad_component
 
 
 @ti.func
@@ -17,11 +17,12 @@ def tanh_rows(simd: ti.template(), column: ti.template(), blocks):
 
 
 @ti.func
-def weighted_sum(simd: ti.template(), weights: ti.template(), x: ti.template(), count):
+def weighted_sum(robot: ti.template(), weights: ti.template(), x: ti.template(), count):
     """sum_i weights.row[i] x[i] over `count` rows, four at a time (padding is 0), in one sum or four."""
+    simd = ti.static(robot.simd)
     a, b, c, d = simd.row(0.0), simd.row(0.0), simd.row(0.0), simd.row(0.0)
-    for four in range((count + 3) >> 2):
-        i = 4 * four
+    i, four = 0, 4 * one(robot.n.masses)
+    while i < count:
         a += weights.row[i] * x.each[i]
         if ti.static(simd.wide):
             b += weights.row[i + 1] * x.each[i + 1]
@@ -30,6 +31,7 @@ def weighted_sum(simd: ti.template(), weights: ti.template(), x: ti.template(), 
         else:
             for j in ti.static(range(1, 4)):
                 a += weights.row[i + j] * x.each[i + j]
+        i += four
     return (a + b) + (c + d)
 
 
@@ -39,7 +41,8 @@ def weighted_sum_of_masses(robot: ti.template(), weights: ti.template(), x: ti.t
     simd, n = ti.static(robot.simd, robot.n)
     a, b, c, d = simd.row(0.0), simd.row(0.0), simd.row(0.0), simd.row(0.0)
     cells = n.cells
-    for m in range(n.masses):
+    m, next_mass = 0, one(n.masses)
+    while m < n.masses:
         i, k = 4 * m, robot.cell.each[m]
         a += weights.row[i] * x.each[k]
         if ti.static(simd.wide):
@@ -49,6 +52,7 @@ def weighted_sum_of_masses(robot: ti.template(), weights: ti.template(), x: ti.t
         else:
             for j in ti.static(range(1, 4)):
                 a += weights.row[i + j] * x.each[k + j * cells]
+        m += next_mass
     return (a + b) + (c + d)
 
 
@@ -108,14 +112,14 @@ def actuate(robot: ti.template(), now: ti.template(), before: ti.template(), t):
     """Activations of the motors: h = tanh(W1 u + b1), a = tanh(W2 h + b2)."""
     simd, n, weights, work = ti.static(robot.simd, robot.n, robot.weights, robot.work)
     sense(robot, now, before, t, work.inputs)
-    hidden = weights.b1.row[0] + weighted_sum(simd, weights.cpgs, work.inputs + 4 * n.cells, 12)
+    hidden = weights.b1.row[0] + weighted_sum(robot, weights.cpgs, work.inputs + 4 * n.cells, 12)
     if robot.closed_loop:
         hidden += weighted_sum_of_masses(robot, weights.w1, work.inputs)
     now.hidden.row[0] = hidden
     tanh_rows(simd, now.hidden, 1)
     for b in range(n.motor_blocks):
         now.action.row[b] = weights.b2.row[b] + weighted_sum(
-            simd, work.w2_transposed + 1024 * b, now.hidden, 32
+            robot, work.w2_transposed + 1024 * b, now.hidden, 32
         )
     tanh_rows(simd, now.action, n.motor_blocks)
 
@@ -133,9 +137,7 @@ def actuate_adjoint(robot: ti.template(), now: ti.template(), before: ti.templat
     n, work = ti.static(robot.n, robot.work)
     hidden_delta = ti.static(work.hidden_deltas + 32 * slot)
     h = now.hidden.row[0]
-    g_hidden = weighted_sum(
-        robot.simd, robot.weights.w2, work.action_deltas + slot * n.padded_motors, n.motors
-    )
+    g_hidden = weighted_sum(robot, robot.weights.w2, work.action_deltas + slot * n.padded_motors, n.motors)
     hidden_delta.row[0] = g_hidden * (1.0 - h * h)
     if robot.closed_loop:
         sense_adjoint(robot, hidden_delta, t)
@@ -152,7 +154,7 @@ def sense_adjoint(robot: ti.template(), hidden_delta: ti.template(), t):
             g.vx[i] = g.vx[i] - 0.5 * robot.sensing_scale * quad_component(simd, sensed, i, 2)
             g.vy[i] = g.vy[i] - 0.5 * robot.sensing_scale * quad_component(simd, sensed, i, 3)
     for b in range(n.mass_blocks):
-        work.g_inputs.row[b] = weighted_sum(simd, work.w1_transposed + 1024 * b, hidden_delta, 32)
+        work.g_inputs.row[b] = weighted_sum(robot, work.w1_transposed + 1024 * b, hidden_delta, 32)
     for m in range(n.masses):
         sensed.quad[robot.cell.each[m]] = work.g_inputs.quad[m]
     add_sensed_gradients(robot, sensed, t)
@@ -233,10 +235,13 @@ def add_eight(
         out.row[0], out.row[1], out.row[2], out.row[3] = s0, s1, s2, s3
         out.row[4], out.row[5], out.row[6], out.row[7] = s4, s5, s6, s7
     else:
+        next_step = one(x_stride)
         for j in ti.static(range(8)):
             s = out.row[j]
-            for t in range(steps):
+            t = 0
+            while t < steps:
                 s += rows.row[t * row_stride] * x.each[t * x_stride + i[j]]
+                t += next_step
             out.row[j] = s
 
 

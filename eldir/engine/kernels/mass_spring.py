@@ -14,7 +14,7 @@ from eldir.engine.kernels.contact import (
     friction_contact_adjoint,
     no_slip_impact,
 )
-from eldir.engine.kernels.simd import fill, gather
+from eldir.engine.kernels.simd import fill, gather, one
 
 
 @ti.func
@@ -82,8 +82,10 @@ def spring_impulses(robot: ti.template(), now: ti.template()):
     for family in range(FAMILIES):
         f = ti.static(work.forces.family(family))
         cells = family_offset(robot, family)
-        for i in range(robot.n.cell_rows):
+        i, next_row = 0, one(robot.n.masses)
+        while i < robot.n.cell_rows:
             spring_impulse(robot, now, work, f, family, cells, i)
+            i += next_row
 
 
 @ti.func
@@ -123,15 +125,19 @@ def spring_impulses_adjoint(robot: ti.template(), now: ti.template(), delta: ti.
     for family in range(FAMILIES):
         f = ti.static(work.forces.family(family))
         cells = family_offset(robot, family)
-        for i in range(robot.n.cell_rows):
+        i, next_row = 0, one(robot.n.masses)
+        while i < robot.n.cell_rows:
             spring_impulse_adjoint(robot, now, work, f, family, cells, i)
+            i += next_row
     for b in range(2 * robot.n.motor_blocks):
         action = now.action[b]
         delta[b] = gather(robot.simd, work.g_activations, robot.motor, b) * (1.0 - action * action)
-    for i in range(robot.n.cell_rows):
-        fx, fy = net_impulse(robot, work, i)
-        g.x[i] = g.x[i] + fx
-        g.y[i] = g.y[i] + fy
+    k, next_row = 0, one(robot.n.masses)
+    while k < robot.n.cell_rows:
+        fx, fy = net_impulse(robot, work, k)
+        g.x[k] = g.x[k] + fx
+        g.y[k] = g.y[k] + fy
+        k += next_row
 
 
 @ti.func
@@ -156,12 +162,12 @@ def advance(robot: ti.template(), now: ti.template(), after: ti.template(), work
 @ti.func
 def advance_masses(robot: ti.template(), now: ti.template(), after: ti.template()):
     """Computes the state after a step from the one before; returns 1 where a mass of 16 was too fast."""
-    too_fast, one = robot.simd.lanes(0.0), robot.simd.lanes(1.0)
-    for i in range(
-        robot.n.cell_rows
-    ):  # not by the greatest speed: the maximum of NaN and a number is the number
-        speed = advance(robot, now, after, robot.work, i)
-        too_fast = ti.select(speed < robot.max_squared_speed, too_fast, one)
+    too_fast = robot.simd.lanes(0.0)
+    k, next_row = 0, one(robot.n.masses)
+    while k < robot.n.cell_rows:  # not by the greatest speed: the maximum of NaN and a number is the number
+        speed = advance(robot, now, after, robot.work, k)
+        too_fast = ti.select(speed < robot.max_squared_speed, too_fast, robot.simd.lanes(1.0))
+        k += next_row
     if ti.static(robot.ground.contact == FRICTION):  # a loop of its own: the one above stays free of branches
         for i in range(robot.n.cell_rows):
             friction_contact(robot, robot.work, now, after, i)
@@ -191,8 +197,10 @@ def advance_adjoint(robot: ti.template(), now: ti.template(), g: ti.template(), 
 def advance_masses_adjoint(robot: ti.template(), now: ti.template()):
     """Propagates the gradients of the state after a step to those of x, w and v before it."""
     g = ti.static(robot.work.g)
-    for i in range(robot.n.cell_rows):
-        advance_adjoint(robot, now, g, i)
+    k, next_row = 0, one(robot.n.masses)
+    while k < robot.n.cell_rows:
+        advance_adjoint(robot, now, g, k)
+        k += next_row
     if ti.static(robot.ground.contact == FRICTION):
         for i in range(robot.n.cell_rows):
             friction_contact_adjoint(robot, robot.work, now, i)
