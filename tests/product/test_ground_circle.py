@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from io import BytesIO
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from eldir.built.ground import lay_on_table
+from eldir.built.samples import sample_walks
 from eldir.core.files import write_text
 from eldir.core.worker_process import WorkerProcess
 from eldir.design import Design
@@ -21,6 +23,7 @@ from eldir.errors import InputError
 from eldir.parameters.printed import BuiltParameters
 from eldir.terrain import Terrain, TerrainFile
 from eldir_app.application import application
+from eldir_cad.shortlist import ranking
 from eldir_calibration.comparison.motions import prepare_report
 from eldir_calibration.comparison.recorded_run import open_run
 from eldir_calibration.identification.identification import read_films
@@ -34,7 +37,7 @@ from eldir_hardware.virtual.bodies import default_physics
 from eldir_hardware.virtual.rig import BodyFrame
 from tests.raised import raises
 
-pytestmark = [pytest.mark.slow(90), pytest.mark.timeout(3600)]
+pytestmark = [pytest.mark.slow(40), pytest.mark.timeout(3600)]
 
 _X = np.array([-1.0, *np.arange(0.0, 1.2, 0.06)])
 _SLOPES = np.array([0.0, *np.resize([0.1, -0.06], len(_X) - 1)])
@@ -66,7 +69,9 @@ def circle(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Circle]:
     size = ["--population", "4", "--generations", "0", "--seed", "4"]
     ground = ["--terrain", str(folder / "waves.json")]
     invoke("evolve", "--objective", "printed", *size, *ground, "--out", str(folder / "run"))
-    invoke("shortlist", str(folder / "run"), "--top", "1", "--out", str(folder / "shortlist"))
+    with pytest.MonkeyPatch.context() as fewer:  # how far it walks is no matter here
+        fewer.setattr(ranking, "sample_walks", partial(sample_walks, n=2))
+        invoke("shortlist", str(folder / "run"), "--top", "1", "--out", str(folder / "shortlist"))
     design_file = folder / "shortlist" / "design_01.json"
     invoke("packet", str(design_file), "--out", str(folder / "packet"))
     design = Design.load(folder / "packet" / "design.json")

@@ -27,7 +27,7 @@ INCONSISTENT = "built-scene.inconsistent"
 
 def design_of(body: str, ballast: np.ndarray = BALLAST) -> Design:
     """Stands for a design of the walker."""
-    values = {"body": body, "ballast": ballast, "morphology": walker().morphology}
+    values = {"body": body, "ballast": ballast, "morphology": walker().morphology, "printed_terrain": None}
     return type("Stand", (), values)()
 
 
