@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import partial
 from io import BytesIO
 from pathlib import Path
 
@@ -14,8 +13,8 @@ import pytest
 from PIL import Image
 from typer.testing import CliRunner
 
+from eldir.built import samples
 from eldir.built.ground import lay_on_table
-from eldir.built.samples import sample_walks
 from eldir.core.files import write_text
 from eldir.core.worker_process import WorkerProcess
 from eldir.design import Design
@@ -23,7 +22,6 @@ from eldir.errors import InputError
 from eldir.parameters.printed import BuiltParameters
 from eldir.terrain import Terrain, TerrainFile
 from eldir_app.application import application
-from eldir_cad.shortlist import ranking
 from eldir_calibration.comparison.motions import prepare_report
 from eldir_calibration.comparison.recorded_run import open_run
 from eldir_calibration.identification.identification import read_films
@@ -65,13 +63,17 @@ def invoke(*arguments: str) -> str:
 def circle(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Circle]:
     """As `eldir demo` plays it, but on a terrain: commands as far as they have options for a small size."""
     folder = tmp_path_factory.mktemp("circle")
+    with pytest.MonkeyPatch.context() as shorter:  # how far it walks in the end is no matter here
+        shorter.setattr(samples, "CYCLES", 1)
+        yield _play(folder)
+
+
+def _play(folder: Path) -> Circle:
     TerrainFile("printed", WAVES).save(folder / "waves.json")
     size = ["--population", "4", "--generations", "0", "--seed", "4"]
     ground = ["--terrain", str(folder / "waves.json")]
     invoke("evolve", "--objective", "printed", *size, *ground, "--out", str(folder / "run"))
-    with pytest.MonkeyPatch.context() as fewer:  # how far it walks is no matter here
-        fewer.setattr(ranking, "sample_walks", partial(sample_walks, n=2))
-        invoke("shortlist", str(folder / "run"), "--top", "1", "--out", str(folder / "shortlist"))
+    invoke("shortlist", str(folder / "run"), "--top", "1", "--out", str(folder / "shortlist"))
     design_file = folder / "shortlist" / "design_01.json"
     invoke("packet", str(design_file), "--out", str(folder / "packet"))
     design = Design.load(folder / "packet" / "design.json")
@@ -85,7 +87,7 @@ def circle(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Circle]:
     with WorkerProcess("eldir_calibration.comparison.predictions") as worker:
         content = prepare_report(folder / "log.mcap", design, worker, samples=2)
     report = write_report(content, folder / "report")
-    yield Circle(folder, design, truth, content, report)
+    return Circle(folder, design, truth, content, report)
 
 
 def test_every_stage_knows_the_ground(circle: Circle) -> None:
