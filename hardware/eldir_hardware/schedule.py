@@ -100,8 +100,8 @@ Walk = Annotated[float, Field(allow_inf_nan=False)] | None
 
 @record
 class ToleranceWalks(Record):
-    """Walks of the most probable robot with all springs heated or cooled alike at an end of the rig's
-    tolerances [body lengths per five cycles]; null where it falls over or folds."""
+    """Walks of the most probable robot where current, cooling or air are at an end of the rig's tolerances,
+    the same for all springs [body lengths per five cycles]; null where it falls over or folds."""
 
     nominal: Walk
     """With the values of the rig file."""
@@ -134,7 +134,7 @@ class SchedulePrediction(Record):
     cycle: Annotated[PredictedCycle | None, OMITTED] = None
     """Temperature and length of the springs over the last cycle."""
     tolerances: Annotated[ToleranceWalks | None, OMITTED] = None
-    """How much the walk depends on the heat of all springs; left out in older files."""
+    """Walks at the ends of the rig's tolerances; left out in older files."""
     choice: Annotated[str | None, OMITTED] = None
     """Why a filmed gait was kept or replaced; a sentence."""
 

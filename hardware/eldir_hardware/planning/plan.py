@@ -163,7 +163,8 @@ def _displacements(found: GaitSearchResult) -> dict[str, PredictedWalk]:
 
 
 def simulate_tolerances(robots: RobotDistribution, gait: Gait, rig: Rig) -> ToleranceWalks:
-    """Walks of the most probable robot, a coarse one, at the ends of the rig's tolerances."""
+    """Walks of the most probable robot at the ends of the rig's tolerances: of a coarse one on a table, of
+    the robot as it is on a terrain, where coarse ones walk otherwise."""
     ends = [  # current, convection, room
         (0, 0, 0), (-1, 0, 0), (1, 0, 0), (0, -1, 0), (0, 1, 0), (0, 0, -1), (0, 0, 1), (-1, 1, -1)
     ]  # fmt: skip
@@ -176,7 +177,7 @@ def simulate_tolerances(robots: RobotDistribution, gait: Gait, rig: Rig) -> Tole
         )
         for end in ends
     ]
-    (walks,) = simulate_robots(robots, off, [gait], coarse=True)
+    (walks,) = simulate_robots(robots, off, [gait], coarse=robots.terrain is None)
     nominal, *pairs, coldest = (round(float(walk), 6) if np.isfinite(walk) else None for walk in walks)
     current, convection, room = zip(pairs[::2], pairs[1::2], strict=True)
     return ToleranceWalks(nominal, current, convection, room, coldest)
@@ -302,21 +303,23 @@ def _make_title(schedule: ActuationSchedule) -> str:
 
 
 def describe_tolerances(walks: ToleranceWalks, rig: Rig) -> str:
-    """How much a walk depends on what heats and cools all springs alike, in one line."""
+    """The walks at the ends of the rig file's tolerances, in one line."""
 
     def name(walk: float | None) -> str:
         return "falls" if walk is None else f"{walk:+.2f}"
 
     allowed = rig.tolerances
+    current, cooling = f"{allowed.current:.0%}", f"{allowed.convection_tolerance:.0%}"
+    low, high = f"{allowed.ambient_min_c:g} C", f"{allowed.ambient_max_c:g} C"
     ends = (
-        (f"{allowed.current:.0%} less or more current", walks.current),
-        (f"{allowed.convection_tolerance:.0%} less or more cooling", walks.convection),
-        (f"air of {allowed.ambient_min_c:g} or {allowed.ambient_max_c:g} C", walks.room),
+        ("current", f"-{current}", f"+{current}", walks.current),
+        ("cooling", f"-{cooling}", f"+{cooling}", walks.convection),
+        ("air", low, high, walks.room),
     )
-    each = "; ".join(f"{what} {name(low)} or {name(high)}" for what, (low, high) in ends)
+    each = "; ".join(f"{what} {a}: {name(x)}, {b}: {name(y)}" for what, a, b, (x, y) in ends)
     return (
-        f"heat of all springs off at once: {name(walks.nominal)} with the rig file's values; {each}; "
-        f"the coldest of all {name(walks.coldest)}"
+        f"walk at the ends of the rig file's tolerances: {each}; least current, most cooling and coldest air "
+        f"together: {name(walks.coldest)}; with the file's values: {name(walks.nominal)}"
     )
 
 

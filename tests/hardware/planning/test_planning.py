@@ -137,8 +137,8 @@ def test_walks_at_the_ends_of_the_tolerances() -> None:
 def test_the_tolerances_of_a_walk_in_one_line() -> None:
     walks = ToleranceWalks(1.5, (0.9, 1.7), (1.6, 1.2), (1.1, None), 0.4)
     assert describe_tolerances(walks, RIG) == (
-        "heat of all springs off at once: +1.50 with the rig file's values; 5% less or more current +0.90 or "
-        "+1.70; 10% less or more cooling +1.60 or +1.20; air of 18 or 30 C +1.10 or falls; the "
-        "coldest of all +0.40"
+        "walk at the ends of the rig file's tolerances: current -5%: +0.90, +5%: +1.70; "
+        "cooling -10%: +1.60, +10%: +1.20; air 18 C: +1.10, 30 C: falls; "
+        "least current, most cooling and coldest air together: +0.40; with the file's values: +1.50"
     )
     assert ToleranceWalks.from_json(walks.to_json()) == walks
