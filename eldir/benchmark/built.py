@@ -11,7 +11,6 @@ compared with the exact walks of the same samples.
 
 from __future__ import annotations
 
-import inspect
 import json
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -22,7 +21,7 @@ import numpy as np
 
 from eldir.benchmark.measurement import limit_threads, time_in_turns
 from eldir.built.gait import FreeLengths, Gait, free_lengths_batch
-from eldir.built.robot import PrintedRobot, build
+from eldir.built.robot import COARSE_DAMPING, COARSE_INERTIA, SOFT_TENSION, build
 from eldir.built.samples import NominalRobots
 from eldir.built.walking import displacements
 from eldir.evolution.printed.trials import count_falls_as_zero
@@ -71,8 +70,7 @@ class Simplification(NamedTuple):
 
 def _coarse(hubs: bool, cycles: int) -> Simplification:
     """What `PrintedRobot.coarse` does."""
-    values = inspect.signature(PrintedRobot.coarse).parameters
-    return Simplification(hubs, cycles, *(values[n].default for n in ("tension", "damping", "inertia")))
+    return Simplification(hubs, cycles, SOFT_TENSION, COARSE_DAMPING, COARSE_INERTIA)
 
 
 SIMPLIFICATIONS = {

@@ -18,6 +18,8 @@ from eldir.parameters.robot import RobotParameters
 
 SOFT_TENSION = 20e3
 """Stiffness in tension of the strips of a coarse robot [N/m]."""
+COARSE_DAMPING, COARSE_INERTIA = 0.25, 2.0
+"""Damping of the strips and inertia of a coarse robot with hubs, as parts of those of the robot."""
 _ON_GROUND = 1e-6  # height below which a mass is a foot [m]
 _RANK = 1e-9  # of the largest singular value
 
@@ -83,7 +85,7 @@ class PrintedRobot(Record):
         )
 
     def coarse(
-        self, tension: float = SOFT_TENSION, damping: float = 0.25, inertia: float = 2.0
+        self, tension: float = SOFT_TENSION, damping: float = COARSE_DAMPING, inertia: float = COARSE_INERTIA
     ) -> PrintedRobot:
         """A robot that walks on a table nearly as this one in a seventh of the time, for choices among many:
         with strips of at most `tension` [N/m] and, if it has hubs, `damping` times their damping and

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from eldir.benchmark.built import walkers
+from eldir.built import samples
 from eldir.built.gait import free_lengths
 from eldir.built.heat import HeatModel
 from eldir.built.robot import build
@@ -14,6 +15,7 @@ from eldir.built.walking import displacements
 from eldir.lattice import Lattice
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
+from eldir.terrain import Terrain
 from eldir_hardware.planning import plan as planning
 from eldir_hardware.planning.compiler import compile_schedule
 from eldir_hardware.planning.plan import (
@@ -132,6 +134,25 @@ def test_walks_at_the_ends_of_the_tolerances() -> None:
     for walk, end in ends.items():
         assert walk == pytest.approx(walk_with(*end), abs=1e-5), end
     assert found.coldest < found.nominal / 2
+
+
+STEP = Terrain(np.array([-1.0, 0.06, 0.12]), np.array([0.0, 0.1, 0.0]), np.array([0.0, -0.006, 0.006]))
+
+
+@pytest.mark.parametrize("ground", [None, STEP], ids=["table", "step"])
+def test_robots_are_coarse_on_a_table_alone(ground: Terrain | None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """On a terrain coarse robots walk otherwise."""
+    monkeypatch.setattr(samples, "CYCLES", 1)
+    robot, parameters = walkers()[0], RobotParameters(springs=RIG.spring_parameters())
+    found = simulate_tolerances(NominalRobots(robot.body, parameters, terrain=ground), robot.gait, RIG)
+    whole = build(robot.body, parameters)
+    table = free_lengths(robot.gait, parameters.springs, 1)
+    exact, coarse = (
+        float(displacements([one], [table], 1, parameters.free_lengths, terrain=ground)[0])
+        for one in (whole, whole.coarse())
+    )
+    assert abs(exact - coarse) > 2e-5
+    assert found.nominal == pytest.approx(coarse if ground is None else exact, abs=1e-6)
 
 
 def test_the_tolerances_of_a_walk_in_one_line() -> None:
