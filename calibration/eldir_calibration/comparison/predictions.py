@@ -156,7 +156,9 @@ def _prepare_samples(run: RecordedRun, scene: PrintedScene | None, count: int) -
     design, body = run.design, run.design.morphology
     if scene is None:
         nominal = RobotParameters(_nominal_joints(run.rig), run.rig.spring_parameters())
-        robots: RobotDistribution = NominalRobots(body, nominal, design.ballast / 2, design.printed_terrain)
+        robots: RobotDistribution = NominalRobots(
+            body, nominal, design.ballast / 2, design.printed_terrain, run.rig.tolerances.of_robots()
+        )
     else:
         robots = IdentifiedRobots.of(design, scene, [film.gait for film in scene.filmed_of(design)])
     found = []

@@ -12,11 +12,13 @@ from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from eldir.core.validation import Section
 from eldir.errors import InputError
+from eldir.parameters.tolerances import RigTolerances
 from eldir_hardware.current_sensor import CHIPS
 from eldir_hardware.relay.registration import get_board
 from eldir_hardware.rig._board_hints import find_port_problem
 from eldir_hardware.rig.addresses import is_camera
 
+_KIT = RigTolerances()
 _MIN_RESISTIVITY, _MAX_RESISTIVITY = 0.4e-6, 1.3e-6  # of Nitinol [Ohm m]
 # Published: 0.44e-6 (table II of PMC5687518), 0.8e-6 to 1.0e-6 (Dynalloy's sheet F1140).
 THERMAL = ("heat_capacity", "latent_heat", "convection_fan", "convection_still")
@@ -173,14 +175,18 @@ class SpringEntry(Section):
 class ToleranceEntry(Section):
     """Tolerances of the bench around the measured values in this file."""
 
-    current: Annotated[float, Field(ge=0.01, le=0.5)] = 0.05
+    current: Annotated[float, Field(ge=0.01, le=0.5)] = _KIT.current
     """Relative tolerance of the current through a spring."""
-    ambient_min_c: Annotated[float, Field(ge=-20, le=45)] = 18.0
+    ambient_min_c: Annotated[float, Field(ge=-20, le=45)] = _KIT.ambient_min
     """Lowest temperature of the air [C]."""
-    ambient_max_c: Annotated[float, Field(ge=-20, le=60)] = 30.0
+    ambient_max_c: Annotated[float, Field(ge=-20, le=60)] = _KIT.ambient_max
     """Highest temperature of the air [C]."""
-    convection_tolerance: Annotated[float, Field(ge=0.02, le=0.9)] = 0.1
+    convection_tolerance: Annotated[float, Field(ge=0.02, le=0.9)] = _KIT.convection
     """Relative tolerance of a measured heat transfer coefficient; 0.1 is a fifth of the air's speed."""
+
+    def of_robots(self) -> RigTolerances:
+        """The same tolerances, for samples of robots on this rig."""
+        return RigTolerances(self.current, self.convection_tolerance, self.ambient_min_c, self.ambient_max_c)
 
 
 class FanEntry(Section):

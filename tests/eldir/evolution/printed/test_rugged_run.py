@@ -181,11 +181,11 @@ def test_a_slope_is_walked_as_a_tilted_table() -> None:
     """The same trial, the slope as ground or as tilt; a robot on a slope begins level and settles."""
     slope = float(np.tan(np.radians(1)))
     tilted = RobotParameters(replace(BuiltParameters(), tilt=float(np.radians(1))))
-    (there,) = evaluate_walks([Trial(BODY, (GAIT,), (3,), terrain=plane(-slope))], RobotParameters())
-    (here,) = evaluate_walks([Trial(BODY, (GAIT,), (3,))], tilted)
-    (level,) = evaluate_walks([Trial(BODY, (GAIT,), (3,))], RobotParameters())
+    (there,) = evaluate_walks([Trial(BODY, (GAIT,), (5,), terrain=plane(-slope))], RobotParameters())
+    (here,) = evaluate_walks([Trial(BODY, (GAIT,), (5,))], tilted)
+    (level,) = evaluate_walks([Trial(BODY, (GAIT,), (5,))], RobotParameters())
     assert (np.abs(here) > 0.01).sum() >= 3
-    assert (np.abs(there - here) < 1e-3).sum() >= 7  # a sample may fall in one of them
+    assert (np.abs(there - here) < 1e-3).sum() >= 6  # a landing may decide otherwise in one of them
     assert np.abs(level - here).max() > 0.05
 
 
