@@ -68,7 +68,8 @@ class NominalRobots(RobotDistribution):
         which have the errors of this rig in common."""
         printed = self.robot.printed.perturb(rng)
         strips = _sample_strips(self.morphology, printed.geometry, rng)
-        springs = self.tolerances.perturb(self.robot.springs, rng)
+        # From a generator of its own: the robot is the same whatever the tolerances of its rig.
+        springs = self.tolerances.perturb(self.robot.springs, rng.spawn(1)[0])
         own = sample_springs(self.morphology.motors, springs, rng)
         feet = sample_feet(len(self.morphology.positions), rng)
         printed = replace(printed, geometry=0.0)

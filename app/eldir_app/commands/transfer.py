@@ -66,7 +66,7 @@ def transfer(
         config = TransferConfig(samples, cycles, phases, seed, make_workshop().springs)
     else:
         loaded = Rig.load(rig)
-        springs, tolerances = loaded.spring_parameters(), loaded.tolerances.of_robots()
+        springs, tolerances = loaded.spring_parameters(), loaded.spring_tolerances()
         config = TransferConfig(samples, cycles, phases, seed, springs, tolerances)
     result = _compare(names, config, explain, engine)
 

@@ -157,7 +157,7 @@ def _prepare_samples(run: RecordedRun, scene: PrintedScene | None, count: int) -
     if scene is None:
         nominal = RobotParameters(_nominal_joints(run.rig), run.rig.spring_parameters())
         robots: RobotDistribution = NominalRobots(
-            body, nominal, design.ballast / 2, design.printed_terrain, run.rig.tolerances.of_robots()
+            body, nominal, design.ballast / 2, design.printed_terrain, run.rig.spring_tolerances()
         )
     else:
         robots = IdentifiedRobots.of(design, scene, [film.gait for film in scene.filmed_of(design)])

@@ -134,7 +134,7 @@ def heating_limits(rig: Rig) -> HeatingLimits:
     def timing(springs: SpringParameters, motors: int) -> tuple[float, float]:
         return find_timing(springs, rig, motors)
 
-    return HeatingLimits(rig.spring_parameters(), allowed, timing, rig.tolerances.of_robots())
+    return HeatingLimits(rig.spring_parameters(), allowed, timing, rig.spring_tolerances())
 
 
 def _require_quick_springs(limits: HeatingLimits, motors: int) -> None:

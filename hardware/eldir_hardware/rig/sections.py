@@ -184,10 +184,6 @@ class ToleranceEntry(Section):
     convection_tolerance: Annotated[float, Field(ge=0.02, le=0.9)] = _KIT.convection
     """Relative tolerance of a measured heat transfer coefficient; 0.1 is a fifth of the air's speed."""
 
-    def of_robots(self) -> RigTolerances:
-        """The same tolerances, for samples of robots on this rig."""
-        return RigTolerances(self.current, self.convection_tolerance, self.ambient_min_c, self.ambient_max_c)
-
 
 class FanEntry(Section):
     """The fan that cools the springs."""

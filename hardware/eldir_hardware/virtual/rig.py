@@ -80,9 +80,7 @@ class VirtualRig:
         self._closed = threading.Event()
         self._failure: Exception | None = None
         self._watchers: list[threading.Thread] = []
-        common = rig.tolerances.of_robots().perturb_by_seed(
-            springs or rig.spring_parameters(), rig.virtual.seed
-        )
+        common = rig.spring_tolerances().perturb_by_seed(springs or rig.spring_parameters(), rig.virtual.seed)
         deviations = np.random.default_rng([rig.virtual.seed, 3])
         self.springs = ThermalSprings(
             [c.channel for c in rig.channels],

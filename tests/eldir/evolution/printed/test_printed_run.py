@@ -66,7 +66,7 @@ TINY = [
     "--static-margin",
     "0",
     "--seed",
-    "4",
+    "2",
 ]
 
 
@@ -382,7 +382,7 @@ def test_only_the_best_become_designs(whole: Path, monkeypatch: pytest.MonkeyPat
 def test_a_tilted_table_must_not_change_the_walk_much() -> None:
     """Of robots that walk somehow on a level table, those that a slope stops or drives are left out."""
     search = PrintedSearch(SMALL)
-    tried = [Candidate(i, -1, g, g.body(SMALL.lattice)) for i, g in enumerate(genomes(14))]
+    tried = [Candidate(i, -1, g, g.body(SMALL.lattice)) for i, g in enumerate(genomes(14, 8))]
     chosen = [(c, c.genome.gait(c.body, SMALL.timings)) for c in tried if search.stands(c.body)]
     kept = {c.number for c, _ in search.keep_steady(chosen)}
     assert 0 < len(kept) < len(chosen)

@@ -30,6 +30,7 @@ from eldir.terrain import Terrain, TerrainFile
 from eldir_app.application import application
 from eldir_cad.shortlist.ranking import rank
 from tests.eldir.built.grounds import plane
+from tests.eldir.built.robots_alike import NO_ERRORS
 from tests.eldir.evolution.printed.small_searches import BODY, GAIT, SMALL
 from tests.raised import raises
 
@@ -96,7 +97,7 @@ def test_its_designs_know_their_ground(run: Path, tmp_path: Path) -> None:
 
 def test_gaits_are_searched_and_predicted_on_it(run: Path) -> None:
     design = load_run(run)[0]
-    rig = HeatingLimits(SpringParameters(), lambda gait: True, lambda springs, motors: (20.0, 0.3))
+    rig = HeatingLimits(SpringParameters(), lambda gait: True, lambda springs, motors: (20.0, 0.3), NO_ERRORS)
     gait = read_gait(design)
     assert gait is not None
     here, table = nominal_robots(design, rig), nominal_robots(replace(design, printed_terrain=None), rig)
@@ -181,11 +182,11 @@ def test_a_slope_is_walked_as_a_tilted_table() -> None:
     """The same trial, the slope as ground or as tilt; a robot on a slope begins level and settles."""
     slope = float(np.tan(np.radians(1)))
     tilted = RobotParameters(replace(BuiltParameters(), tilt=float(np.radians(1))))
-    (there,) = evaluate_walks([Trial(BODY, (GAIT,), (5,), terrain=plane(-slope))], RobotParameters())
-    (here,) = evaluate_walks([Trial(BODY, (GAIT,), (5,))], tilted)
-    (level,) = evaluate_walks([Trial(BODY, (GAIT,), (5,))], RobotParameters())
+    (there,) = evaluate_walks([Trial(BODY, (GAIT,), (3,), terrain=plane(-slope))], RobotParameters())
+    (here,) = evaluate_walks([Trial(BODY, (GAIT,), (3,))], tilted)
+    (level,) = evaluate_walks([Trial(BODY, (GAIT,), (3,))], RobotParameters())
     assert (np.abs(here) > 0.01).sum() >= 3
-    assert (np.abs(there - here) < 1e-3).sum() >= 6  # a landing may decide otherwise in one of them
+    assert (np.abs(there - here) < 1e-3).sum() >= 7  # a sample may fall in one of them
     assert np.abs(level - here).max() > 0.05
 
 

@@ -82,11 +82,11 @@ def test_a_coil_near_its_buckling_load_counts_as_no_walk() -> None:
     body = develop(lattice, random_genotypes(lattice, 60, np.random.default_rng(3), 2)[45])
     gait = replace(GAIT, phase=np.zeros(2))
     hubs = replace(NOMINAL, printed=NOMINAL.printed.with_hubs())
-    up_to_buckling = [alone(body, gait, hubs, (5, k), 1) for k in range(2)]
+    up_to_buckling = [alone(body, gait, hubs, (9, k), 1) for k in range(2)]
     assert np.isfinite(up_to_buckling).all()
-    assert alone(body, gait, hubs, (5, 1), 1, 0.75) == -np.inf
-    assert alone(body, gait, hubs, (5, 0), 1, 0.75) == up_to_buckling[0]
-    found = evaluate_walks([Trial(body, (gait,), (5,))], NOMINAL)[0, :2]
+    assert alone(body, gait, hubs, (9, 1), 1, 0.75) == -np.inf
+    assert alone(body, gait, hubs, (9, 0), 1, 0.75) == up_to_buckling[0]
+    found = evaluate_walks([Trial(body, (gait,), (9,))], NOMINAL)[0, :2]
     assert found[0] == pytest.approx(up_to_buckling[0], abs=5e-4) and found[0] != 0.0 and found[1] == 0.0
 
 
