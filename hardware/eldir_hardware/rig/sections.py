@@ -87,7 +87,7 @@ class SupplyEntry(Section):
     """Voltage of the heating supply [V]."""
     current_limit_a: Annotated[float, Field(ge=0.05, le=50)] | None = None
     """Current limit of each output [A]; without it the rig does not arm. With the fan and a timer of 6.3 s,
-    springs of 0.75 mm wire allow 3.45 A."""
+    springs of 0.75 mm wire allow 3.6 A in periods of 30 s."""
     outputs: Literal["each", "shared"] = "each"
     """each: a limited output for every channel; shared: one limited output for all heated springs."""
     max_total_current_a: Annotated[float, Field(ge=0.05, le=500)]

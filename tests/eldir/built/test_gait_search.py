@@ -54,7 +54,7 @@ def test_the_search_takes_what_walks_farthest_and_is_allowed(monkeypatch):
         ],
     )
     found = search_gait(design, LIMITS)
-    assert isinstance(found, Gait) and found.phase[1] == pytest.approx(5 / 8)
+    assert isinstance(found, Gait) and found.phase[1] == pytest.approx(9 / 12)
     assert LIMITS.allowed(found)
     weak = heating_limits(rig_with(supply={"max_total_current_a": 8}, limits={"max_on_s": 5.2}))
     slower = search_gait(design, weak)
