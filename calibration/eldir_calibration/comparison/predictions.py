@@ -147,7 +147,11 @@ def _prepare_samples(run: RecordedRun, scene: PrintedScene | None, count: int) -
     design, body = run.design, run.design.morphology
     if scene is None:
         robots: RobotDistribution = NominalRobots(
-            body, run.rig.nominal_robot(), design.ballast / 2, design.printed_terrain, run.rig.spring_tolerances()
+            body,
+            run.rig.nominal_robot(),
+            design.ballast / 2,
+            design.printed_terrain,
+            run.rig.spring_tolerances(),
         )
     else:
         robots = IdentifiedRobots.of(design, scene, [film.gait for film in scene.filmed_of(design)])
