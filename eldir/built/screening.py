@@ -25,7 +25,7 @@ from eldir.terrain import Terrain
 
 MARGIN = 0.02
 """Required static margin [m]; 0.03 is safe."""
-PHASES = 8
+PHASES = 12
 _SOFT_CYCLES = 2
 _EXACT = 12  # designs that the second pass takes
 _AT_ONCE = 8  # designs that are driven between two calls of `progress`

@@ -146,8 +146,13 @@ def _prepare_samples(run: RecordedRun, scene: PrintedScene | None, count: int) -
     """Samples of the robot of a run; with the schedule's seed they are those that `eldir gait` simulated."""
     design, body = run.design, run.design.morphology
     if scene is None:
-        nominal = run.rig.nominal_robot()
-        robots: RobotDistribution = NominalRobots(body, nominal, design.ballast / 2, design.printed_terrain)
+        robots: RobotDistribution = NominalRobots(
+            body,
+            run.rig.nominal_robot(),
+            design.ballast / 2,
+            design.printed_terrain,
+            run.rig.spring_tolerances(),
+        )
     else:
         robots = IdentifiedRobots.of(design, scene, [film.gait for film in scene.filmed_of(design)])
     found = []

@@ -23,6 +23,7 @@ from eldir.errors import InputError
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters, wire_heat_transfer_coefficient
+from eldir.parameters.tolerances import RigTolerances
 from eldir.parameters.wiring import Connection
 from eldir_hardware.current_sensor import CHIPS
 from eldir_hardware.markers.registration import DEFAULT_KIND, require_kind
@@ -191,6 +192,11 @@ class Rig(Section):
             if (entry.spring, entry.face) == (spring, face):
                 return entry.channel
         return None
+
+    def spring_tolerances(self) -> RigTolerances:
+        """How far all springs together may be from `spring_parameters`."""
+        t = self.tolerances
+        return RigTolerances(t.current, t.convection_tolerance, t.ambient_min_c, t.ambient_max_c)
 
     def spring_parameters(self, *, fan: bool | None = None) -> SpringParameters:
         """The nominal springs on this supply. A missing resistance is computed from the wire.

@@ -65,8 +65,8 @@ def test_a_block_slides_as_far_as_coulomb_says(friction: float, backward: float,
 
 
 def test_friction_is_that_of_the_way_in_which_the_lowest_points_move() -> None:
-    """Of hubs that spin: in many of them the lowest point moves otherwise than the centre. How it moves is
-    read from MuJoCo's poses before and after a short time."""
+    """Hubs that spin: in many of them the lowest point moves otherwise than the centre. That is read
+    from MuJoCo's poses before and after a short time."""
     motion = MujocoMotion(
         sample_multibody(BODY, 4, built=BuiltParameters(backward_friction=2.5).with_hubs()), FREE
     )

@@ -31,6 +31,7 @@ from eldir_app.application import application
 from eldir_cad.shortlist.folder import RankingRow, draw_designs
 from eldir_cad.shortlist.ranking import RankedDesign, rank
 from tests.eldir.built.grounds import plane
+from tests.eldir.built.robots_alike import NO_ERRORS
 from tests.eldir.evolution.printed.small_searches import BODY, GAIT, SMALL
 from tests.raised import raises
 
@@ -97,7 +98,7 @@ def test_its_designs_know_their_ground(run: Path, tmp_path: Path) -> None:
 
 def test_gaits_are_searched_and_predicted_on_it(run: Path) -> None:
     design = load_run(run)[0]
-    rig = HeatingLimits(SpringParameters(), lambda gait: True, lambda springs, motors: (20.0, 0.3))
+    rig = HeatingLimits(SpringParameters(), lambda gait: True, lambda springs, motors: (20.0, 0.3), NO_ERRORS)
     gait = read_gait(design)
     assert gait is not None
     here, table = nominal_robots(design, rig), nominal_robots(replace(design, printed_terrain=None), rig)
@@ -139,24 +140,25 @@ def rise(candidate: RankedDesign) -> float:
 
 
 def test_a_terrain_file_is_taken_by_both_objectives(tmp_path: Path) -> None:
+    """Each takes a file of the other's size here; the printed robot's own: `test_ground_circle.py`."""
     ground, scale = Terrain.rugged(np.random.default_rng(1)), BuiltParameters().scale
     TerrainFile("paper", ground).save(tmp_path / "paper.json")
     TerrainFile("printed", ground.scaled(scale)).save(tmp_path / "printed.json")
-    for name in ("paper", "printed"):
-        given = ["--terrain", str(tmp_path / f"{name}.json")]
-        evolve = [*EVOLVE.replace("--generations 1", "--generations 0").split(), *given]
-        result = CliRunner().invoke(application(), [*evolve, "--out", str(tmp_path / f"{name}-1")])
+
+    def run(evolve: str, file: str) -> Path:
+        given = ["--terrain", str(tmp_path / file), "--out", str(tmp_path / f"from_{file}")]
+        result = CliRunner().invoke(application(), [*evolve.split(), *given])
         assert result.exit_code == 0, result.output
-        printed = PrintedRun.open(tmp_path / f"{name}-1").config.terrain
-        assert printed is not None and np.allclose(printed.intercept, scale * ground.intercept, atol=1e-12)
-        result = CliRunner().invoke(
-            application(), [*SMALLEST.split(), *given, "--out", str(tmp_path / f"{name}-2")]
-        )
-        assert result.exit_code == 0, result.output
-        scene = RunFolder.open(tmp_path / f"{name}-2").config.scene
-        assert scene.contact == "friction" and np.allclose(scene.terrain.x0, ground.x0, atol=1e-12)
-        trained = load_run(tmp_path / f"{name}-2")[0].printed_terrain
-        assert trained is not None and np.allclose(trained.x0, scale * ground.x0, atol=1e-12)
+        return tmp_path / f"from_{file}"
+
+    own = run(EVOLVE.replace("--generations 1", "--generations 0"), "paper.json")
+    printed = PrintedRun.open(own).config.terrain
+    assert printed is not None and np.allclose(printed.intercept, scale * ground.intercept, atol=1e-12)
+    other = run(SMALLEST, "printed.json")
+    scene = RunFolder.open(other).config.scene
+    assert scene.contact == "friction" and np.allclose(scene.terrain.x0, ground.x0, atol=1e-12)
+    trained = load_run(other)[0].printed_terrain
+    assert trained is not None and np.allclose(trained.x0, scale * ground.x0, atol=1e-12)
 
 
 @pytest.mark.parametrize(
