@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from eldir.benchmark.built import REAL, SIMPLIFICATIONS, Simplification, Walker, mean_walk, walkers
+from eldir.benchmark.built import REAL, SIMPLIFICATIONS, BenchmarkRobot, Simplification, mean_walk, walkers
 from eldir.benchmark.measurement import limit_threads
 from eldir.core.records import FloatArray
 from eldir.defaults import Ground
@@ -33,7 +33,7 @@ WAYS = {
 
 
 def measure(
-    way: Simplification, robots: Sequence[Walker], seeds: Sequence[int] = SEEDS
+    way: Simplification, robots: Sequence[BenchmarkRobot], seeds: Sequence[int] = SEEDS
 ) -> tuple[float, FloatArray]:
     """Processor time of all walks [s], and the mean walks of the robots [body lengths per five cycles], shape
     (seeds, robots)."""
@@ -46,7 +46,7 @@ GROUNDS: dict[Ground, int] = {"level": 1, "incline": 2, "decline": 3}
 """Rugged grounds, and the seed of each."""
 
 
-def differences_on(ground: Ground, robots: Sequence[Walker]) -> FloatArray:
+def differences_on(ground: Ground, robots: Sequence[BenchmarkRobot]) -> FloatArray:
     """Mean walk of each coarse robot on a rugged ground, less that of the robot as it is [body lengths per
     five cycles]."""
     terrain = make_terrain(ground, GROUNDS[ground]).scaled(BuiltParameters().scale)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from eldir.benchmark.built import Walker, walkers
+from eldir.benchmark.built import BenchmarkRobot, walkers
 from eldir.benchmark.measurement import limit_threads, time_in_turns
 from eldir.built.gait import free_lengths
 from eldir.built.robot import build
@@ -71,7 +71,7 @@ def _store(walked: dict[str, float], name: str, walk: Callable[[], float]) -> No
     walked[name] = walk()
 
 
-def _ways(robot: Walker) -> dict[str, Callable[[], float]]:
+def _ways(robot: BenchmarkRobot) -> dict[str, Callable[[], float]]:
     """One walk [body lengths per five cycles] of the robot without deviations."""
     springs = SpringParameters()
     table = free_lengths(robot.gait, springs, _CYCLES)

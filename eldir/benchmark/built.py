@@ -47,7 +47,7 @@ REAL = BuiltParameters.tension
 EXACT = "hubs, 5 cycles"
 
 
-class Walker(NamedTuple):
+class BenchmarkRobot(NamedTuple):
     """A printed robot that walks, and how."""
 
     body: Morphology
@@ -87,7 +87,7 @@ SIMPLIFICATIONS = {
 """What is compared, the exact one first."""
 
 
-def walkers() -> list[Walker]:
+def walkers() -> list[BenchmarkRobot]:
     """Elites of the demo, which walk 1.1 to 1.8 body lengths in five cycles."""
     held = json.loads(files("eldir.benchmark").joinpath("walkers.json").read_text())
     lattice = Lattice(*held["lattice"])
@@ -101,12 +101,12 @@ def _walker(
     period_s: float,
     duty: float,
     phase: Sequence[float],
-) -> Walker:
+) -> BenchmarkRobot:
     mask = np.zeros((lattice.rows, lattice.columns), bool)
     mask[tuple(np.transpose(triangles))] = True
     springs = np.isin(np.arange(len(lattice.springs)), motors)
     gait = Gait(period_s, np.array(phase), np.full(len(phase), duty))
-    return Walker(develop(lattice, Genotype(mask, springs)), gait)
+    return BenchmarkRobot(develop(lattice, Genotype(mask, springs)), gait)
 
 
 def measure(quick: bool, say: Say, others: Mapping[str, WalkSample] | None = None) -> dict[str, Any]:
@@ -149,7 +149,9 @@ def measure(quick: bool, say: Say, others: Mapping[str, WalkSample] | None = Non
     }
 
 
-def _remembering(kept: np.ndarray, r: int, robot: Walker, variant: Simplification) -> Callable[[], object]:
+def _remembering(
+    kept: np.ndarray, r: int, robot: BenchmarkRobot, variant: Simplification
+) -> Callable[[], object]:
     def run() -> None:
         kept[r] = mean_walk(robot, variant)
 
@@ -157,7 +159,7 @@ def _remembering(kept: np.ndarray, r: int, robot: Walker, variant: Simplificatio
 
 
 def mean_walk(
-    robot: Walker, variant: Simplification, seed: int = _SEED, terrain: Terrain | None = None
+    robot: BenchmarkRobot, variant: Simplification, seed: int = _SEED, terrain: Terrain | None = None
 ) -> float:
     """Mean walk of the samples of a seed, a fall counted as no walk [body lengths per five cycles].
     `terrain`: the ground, by default a table."""
@@ -170,7 +172,7 @@ def mean_walk(
     return float(count_falls_as_zero(walks).mean())
 
 
-def _compare_other(walk: WalkSample, robots: Sequence[Walker], samples: int) -> dict[str, float]:
+def _compare_other(walk: WalkSample, robots: Sequence[BenchmarkRobot], samples: int) -> dict[str, float]:
     """Time and error of another physics: the first samples of each robot walk once."""
     variant = SIMPLIFICATIONS[EXACT]
     nominal = RobotParameters(BuiltParameters().with_hubs() if variant.hubs else BuiltParameters())
@@ -194,7 +196,7 @@ def _compare_other(walk: WalkSample, robots: Sequence[Walker], samples: int) -> 
 
 
 def _heated(
-    robot: Walker, nominal: RobotParameters, cycles: int, seed: int = _SEED
+    robot: BenchmarkRobot, nominal: RobotParameters, cycles: int, seed: int = _SEED
 ) -> tuple[list[RobotParameters], list[FreeLengths]]:
     """The samples of a robot, and the free lengths of their springs."""
     samples = NominalRobots(robot.body, nominal).samples(_SAMPLES, seed)

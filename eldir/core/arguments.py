@@ -115,7 +115,7 @@ class Unit:
 
 
 @dataclass(frozen=True)
-class Quantity:
+class PlausibleRange:
     """A quantity of which people give numbers in several units."""
 
     unit: str
@@ -140,9 +140,9 @@ class Quantity:
         )
 
 
-def length_quantity(unit: str, low: float, high: float) -> Quantity:
+def length_quantity(unit: str, low: float, high: float) -> PlausibleRange:
     """A length in "m" or "mm" with its plausible range."""
     names = {"metres": 1.0, "millimetres": 1e-3, "centimetres": 1e-2, "inches": 0.0254}
     expected = {"m": 1.0, "mm": 1e-3}[unit]
     others = tuple(Unit(name, metres / expected) for name, metres in names.items() if metres != expected)
-    return Quantity(unit, low, high, others)
+    return PlausibleRange(unit, low, high, others)

@@ -16,7 +16,12 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from eldir.built import samples
+from eldir.built.gait import read_gait
 from eldir.built.ground import lay_on_table
+from eldir.built.robot import build
+from eldir.built.samples import IdentifiedRobots, simulate_most_probable
+from eldir.built.scene import PrintedScene
+from eldir.built.walking import walk
 from eldir.core.files import write_bytes, write_text
 from eldir.core.worker_process import WorkerProcess
 from eldir.design import Design
@@ -203,6 +208,60 @@ def test_the_live_page_gets_the_line_of_the_report(circle: Circle) -> None:
     line = predicted.in_plane(path.times, path.positions)
     assert line is not None
     assert np.array(ground["corners"]) == pytest.approx(plane.to_pixels(line), abs=0.5)
+
+
+@pytest.fixture(scope="module")
+def scene(circle: Circle) -> Path:
+    """A robot as `eldir calibrate dynamics` identifies it on a table: its springs contract less."""
+    nominal = Rig.load(circle.folder / "rig.yaml").nominal_robot()
+    found = PrintedScene.of(nominal.at(["hot_length"], [-1.0]), (), np.zeros((0, 0)))
+    found.save(circle.folder / "scene.json")
+    return circle.folder / "scene.json"
+
+
+def test_walks_of_an_identified_robot_are_those_on_the_ground(circle: Circle, scene: Path) -> None:
+    """As `eldir gait --scene` predicts them; the whole search takes two minutes."""
+    known, gait = PrintedScene.load(scene), read_gait(circle.design)
+    assert gait is not None
+    body, ground = circle.design.morphology, circle.design.printed_terrain
+    robots = IdentifiedRobots.of(circle.design, known, [])
+    found = simulate_most_probable(robots, [gait], cycles=1)
+    # But for rounding, and for the free lengths of the identified springs.
+    assert found == pytest.approx(
+        [walk(build(body, known.robot), gait, known.springs, cycles=1, terrain=ground)], abs=0.05
+    )
+    table = IdentifiedRobots.of(replace(circle.design, printed_terrain=None), known, [])
+    assert abs(simulate_most_probable(table, [gait], cycles=1)[0] - found[0]) > 0.1
+
+
+def test_a_report_predicts_an_identified_robot_on_the_ground(circle: Circle, scene: Path) -> None:
+    log = circle.folder / "log.mcap"
+    with WorkerProcess("eldir_calibration.comparison.predictions") as worker:
+        content = prepare_report(log, circle.design, worker, scene=PrintedScene.load(scene), samples=2)
+    assert content.before is not None and content.before.trajectory == circle.content.predicted.trajectory
+    known, nominal = content.predicted.trajectory.positions, content.before.trajectory.positions
+    assert np.abs(known - nominal).max() > 1e-3
+    assert known[10, :, 1] == pytest.approx(nominal[10, :, 1], abs=0.002)  # cold, on the same ground
+
+
+def test_wrong_scenes_and_a_design_without_the_ground_are_refused(circle: Circle, scene: Path) -> None:
+    design, rig, out = (
+        circle.folder / "packet" / "design.json",
+        circle.folder / "rig.yaml",
+        circle.folder / "no",
+    )
+    table = circle.folder / "table.json"
+    replace(circle.design, printed_terrain=None).save(table)
+    gait = ["gait", str(design), "--rig", str(rig), "--out", str(out)]
+    report = ["report", str(circle.folder / "log.mcap"), "--out", str(out)]
+    for wrong in ("waves.json", "missing.json"):
+        for command in (gait, [*report, "--design", str(design)]):
+            result = CliRunner().invoke(application(), [*command, "--scene", str(circle.folder / wrong)])
+            assert result.exit_code == 1 and wrong in str(result.exception)
+    refused = [*report, "--design", str(table), "--scene", str(scene)]
+    result = CliRunner().invoke(application(), refused)
+    assert isinstance(result.exception, InputError) and result.exception.code == "log.other-design"
+    assert not out.exists()
 
 
 def test_a_log_on_a_ground_is_not_taken_for_one_on_a_table(circle: Circle) -> None:

@@ -24,7 +24,7 @@ from eldir.built.ground import MIN_SEGMENT
 from eldir.core.records import FloatArray
 from eldir.terrain import Terrain
 from eldir_cad.multibody.hubs import Inertia, hub_name
-from eldir_cad.multibody.model import Coil, Hub, Multibody, Strip
+from eldir_cad.multibody.model import CoilSpring, Hub, Multibody, Strip
 
 LEVER = 50.0
 """Length of the lever of a socket, in lengths of a strip."""
@@ -113,7 +113,12 @@ def _socket(
 
 
 def _add_coil(
-    tendons: Element, actuators: Element, bodies: list[Element], model: Multibody, number: int, coil: Coil
+    tendons: Element,
+    actuators: Element,
+    bodies: list[Element],
+    model: Multibody,
+    number: int,
+    coil: CoilSpring,
 ) -> None:
     name, (a, b) = f"coil_{number}", coil.hubs
     hinge = model.socket * _direction(model, a, b)

@@ -59,7 +59,7 @@ class Strip:
 
 
 @dataclass(frozen=True)
-class Coil:
+class CoilSpring:
     """The shape-memory spring of each face, between the sockets of two hubs."""
 
     hubs: tuple[int, int]
@@ -90,7 +90,7 @@ class Multibody:
 
     hubs: Sequence[Hub]
     strips: Sequence[Strip]
-    coils: Sequence[Coil]
+    coils: Sequence[CoilSpring]
     socket: float
     """Distance from a hub's centre to the hinges in its sockets [m]; 0: pins at the centres."""
     corner: float
@@ -186,20 +186,20 @@ def _springs(
     printer: Printer,
     robot: BuiltParameters,
     extensions: FloatArray,
-) -> tuple[list[Strip], list[Coil]]:
+) -> tuple[list[Strip], list[CoilSpring]]:
     """Strips and coils of both faces, as one."""
     law, nominal = StripLaw.of(spec, printer), built_parameters(spec, printer)
     # The modulus and the section of this robot's strips differ from the drawing.
     stiffness_ratio = robot.buckling / nominal.buckling
     bending = 1e-3 * law.flexural_rigidity / law.length * stiffness_ratio
     strips: list[Strip] = []
-    coils: list[Coil] = []
+    coils: list[CoilSpring] = []
     for (a, b), active, extension in zip(
         morphology.springs.tolist(), morphology.active, extensions.tolist(), strict=True
     ):
         if active:
             stiffness = _FACES * robot.cold_stiffness, _FACES * robot.hot_stiffness
-            coils.append(Coil((a, b), stiffness, _FACES * robot.active_damping))
+            coils.append(CoilSpring((a, b), stiffness, _FACES * robot.active_damping))
         else:
             length = 1e-3 * spec.hinge_to_hinge + extension
             forces = _FACES * robot.tension, _FACES * robot.buckling, _FACES * bending

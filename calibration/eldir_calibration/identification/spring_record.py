@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from eldir.core.arguments import Quantity, Unit, length_quantity
+from eldir.core.arguments import PlausibleRange, Unit, length_quantity
 from eldir.core.files import read_file, write_text
 from eldir.core.records import BoolArray, FloatArray
 from eldir.core.validation import validate
@@ -22,10 +22,10 @@ from eldir_hardware.rig.sections import THERMAL, calibration_entry
 _COLUMNS = ("t_s", "current_a", "voltage_v", "temperature_c", "fan")
 _OPTIONAL = ("length_mm", "ambient_c")
 _TIMES = (Unit("milliseconds", 1e-3), Unit("minutes", 60.0), Unit("microseconds", 1e-6))
-_DURATION = Quantity("s", 20.0, 14_400.0, _TIMES)
-_CURRENT = Quantity("A", 0.05, 40.0, (Unit("milliamperes", 1e-3),))
-_VOLTAGE = Quantity("V", 0.05, 48.0, (Unit("millivolts", 1e-3),))
-_LOW_TEMPERATURE = Quantity(
+_DURATION = PlausibleRange("s", 20.0, 14_400.0, _TIMES)
+_CURRENT = PlausibleRange("A", 0.05, 40.0, (Unit("milliamperes", 1e-3),))
+_VOLTAGE = PlausibleRange("V", 0.05, 48.0, (Unit("millivolts", 1e-3),))
+_LOW_TEMPERATURE = PlausibleRange(
     "C", -10.0, 45.0, (Unit("Fahrenheit", 1 / 1.8, -32 / 1.8), Unit("kelvin", 1.0, -273.15))
 )
 _LENGTH = length_quantity("mm", 5.0, 500.0)

@@ -89,7 +89,7 @@ class ComparedDesign(Record):
 
 
 @record
-class PredictedWalk(Record):
+class EngineWalkNumbers(Record):
     """The walk by eldir."""
 
     walks: tuple[Number, ...]
@@ -131,7 +131,7 @@ class WalkNumbers(Record):
     upright."""
     tied: bool
     """Whether ties make the prediction doubtful."""
-    predicted: PredictedWalk
+    predicted: EngineWalkNumbers
     """The walk by eldir."""
     mujoco: MujocoWalkNumbers
     """The walk in MuJoCo."""
@@ -146,7 +146,7 @@ class WalkNumbers(Record):
             one.gait,
             one.predicted.tie_share,
             one.tied,
-            PredictedWalk(tuple(walks.tolist()), one.means[0], one.interval),
+            EngineWalkNumbers(tuple(walks.tolist()), one.means[0], one.interval),
             MujocoWalkNumbers(
                 one.seeds, tuple(there.tolist()), one.means[1], one.within_interval, one.faults
             ),

@@ -65,7 +65,7 @@ def _is_working_directory(folder: str) -> bool:
     return os.path.realpath(folder) == os.getcwd()
 
 
-class Connection:
+class GuardianConnection:
     """One end of the connection. It never blocks: a message that the other end does not accept is dropped."""
 
     def __init__(self, end: socket.socket):

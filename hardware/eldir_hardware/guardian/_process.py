@@ -22,7 +22,7 @@ from typing import Any
 from eldir.core import program_log
 from eldir.errors import EldirError, print_line
 from eldir_hardware.clock import EMULATED_PATIENCE, WallClock
-from eldir_hardware.guardian._connection import Connection
+from eldir_hardware.guardian._connection import GuardianConnection
 from eldir_hardware.guardian.bank import Report, describe_reason
 from eldir_hardware.guardian.measured_heat import CurrentFlowsError
 from eldir_hardware.guardian.pulse_controller import Host, KeepaliveError, PulseController
@@ -56,7 +56,7 @@ class _Session:
 
     def __init__(
         self,
-        connection: Connection,
+        connection: GuardianConnection,
         controller: PulseController,
         rig: Rig,
         port: Port,
@@ -195,7 +195,7 @@ def _set_realtime_priority() -> None:
         os.sched_setscheduler(0, os.SCHED_RR | os.SCHED_RESET_ON_FORK, os.sched_param(1))
 
 
-def serve_parent(connection: Connection) -> None:
+def serve_parent(connection: GuardianConnection) -> None:
     """Serve one parent to the end, and report the outcome to it, or to the terminal if it has died."""
     select.select([connection], [], [], _START_TIMEOUT)
     messages = connection.receive()
@@ -212,7 +212,7 @@ def serve_parent(connection: Connection) -> None:
 class _Run:
     """The run of one parent: its rig, devices and pulse controller."""
 
-    def __init__(self, connection: Connection, configuration: dict[str, Any]):
+    def __init__(self, connection: GuardianConnection, configuration: dict[str, Any]):
         self._connection = connection
         self._rig = Rig.from_json(configuration["rig"])
         self._port: Port = configuration["port"]
@@ -304,4 +304,4 @@ def main() -> None:
     """Run the process. Its second argument is the file descriptor of its socket."""
     program_log.configure("guardian")
     with suppress(BrokenPipeError):
-        serve_parent(Connection(socket.socket(fileno=int(sys.argv[2]))))
+        serve_parent(GuardianConnection(socket.socket(fileno=int(sys.argv[2]))))

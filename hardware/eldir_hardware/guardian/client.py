@@ -20,7 +20,12 @@ from typing import Any
 from eldir.errors import EldirError, InputError
 from eldir_hardware._serial_output import BITS_PER_BYTE
 from eldir_hardware.current_sensor import SensorError
-from eldir_hardware.guardian._connection import MAX_MESSAGE, Connection, clean_environment, guardian_command
+from eldir_hardware.guardian._connection import (
+    MAX_MESSAGE,
+    GuardianConnection,
+    clean_environment,
+    guardian_command,
+)
 from eldir_hardware.guardian.bank import BOARD_PROOF, HeaterBank, Report, ReportCallback
 from eldir_hardware.guardian.measured_heat import (
     CurrentFlowsError,
@@ -104,7 +109,7 @@ class Guardian(HeaterBank, Resource):
             "given_name": self._port,
             "sensor_port": self._sensor_port,
         }
-        if not Connection.fits(**configuration):
+        if not GuardianConnection.fits(**configuration):
             raise InputError(
                 "the rig file is too large for the guardian",
                 code="rig.too-large",
@@ -123,7 +128,7 @@ class Guardian(HeaterBank, Resource):
                 cwd="/",
                 start_new_session=True,  # this process handles Ctrl-C and a closed terminal
             )
-        self._connection = Connection(own_end)
+        self._connection = GuardianConnection(own_end)
         self._connection.send(**configuration)
         try:
             ready = self._wait_for("ready", _START_TIMEOUT)

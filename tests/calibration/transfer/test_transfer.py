@@ -22,7 +22,7 @@ from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
 from eldir.parameters.tolerances import RigTolerances
 from eldir_app.application import application
-from eldir_cad.multibody.model import Coil
+from eldir_cad.multibody.model import CoilSpring
 from eldir_calibration.transfer import compared_walks
 from eldir_calibration.transfer.compared_walks import (
     MujocoWalk,
@@ -200,7 +200,7 @@ def test_coils_are_measured_between_their_hinges() -> None:
     """Between two hubs, heavy so that they stay, one of which is turned: the distance of its centres says
     too little."""
     heavy = [hub(x, mass=1e6, inertia=1e6) for x in (0.0, 0.05)]
-    coils = [Coil((0, 1), (98.0, 248.0), 1.0)]
+    coils = [CoilSpring((0, 1), (98.0, 248.0), 1.0)]
     motion = MujocoMotion(small(heavy, coils=coils, socket=3.7e-3, corner=7e-3, max_rotation=0.2), FREE)
     motion.data.qpos.reshape(2, 3)[:, 1] = 0.1  # above the table
     motion.data.qpos[2] = 0.5

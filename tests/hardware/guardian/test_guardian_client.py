@@ -12,7 +12,7 @@ import pytest
 
 from eldir.errors import EldirError, InputError
 from eldir_hardware.guardian import client
-from eldir_hardware.guardian._connection import Connection, clean_environment, guardian_command
+from eldir_hardware.guardian._connection import GuardianConnection, clean_environment, guardian_command
 from eldir_hardware.guardian.bank import Report
 from eldir_hardware.guardian.client import Guardian
 from eldir_hardware.guardian.measured_heat import CurrentFlowsError
@@ -68,7 +68,7 @@ class Child:
         self.done: list[object] = []
         self.hangs = False
         (handle,) = options["pass_fds"]
-        self.wire = Connection(socket.socket(fileno=os.dup(handle)))
+        self.wire = GuardianConnection(socket.socket(fileno=os.dup(handle)))
         self.made.append(self)
         for answer in self.first or ():
             self.wire.send(**answer)
@@ -123,14 +123,14 @@ def desk(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     desk = Desk()
     popen = type("Popen", (Child,), {"first": [READY], "made": []})
-    wires: list[Connection] = []
+    wires: list[GuardianConnection] = []
 
-    class KeptConnection(Connection):
+    class KeptConnection(GuardianConnection):
         def __init__(self, end: socket.socket) -> None:
             super().__init__(end)
             wires.append(self)
 
-    monkeypatch.setattr(client, "Connection", KeptConnection)
+    monkeypatch.setattr(client, "GuardianConnection", KeptConnection)
     monkeypatch.setattr(client, "time", desk.time)
     monkeypatch.setattr(client, "select", desk.time)
     monkeypatch.setattr(

@@ -5,7 +5,7 @@ import socket
 import pytest
 
 from eldir.errors import EldirError
-from eldir_hardware.guardian._connection import Connection
+from eldir_hardware.guardian._connection import GuardianConnection
 from eldir_hardware.guardian.bank import HeaterBank
 from eldir_hardware.relay.errors import ContactError, NotProvenOffError
 from eldir_hardware.safety.stop_signals import StoppedError
@@ -128,7 +128,7 @@ def test_a_closed_wire_is_gone(wires):
 def wires():
     """Both ends of a wire."""
     pair = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    ends = [Connection(end) for end in pair]
+    ends = [GuardianConnection(end) for end in pair]
     yield ends
     for end in ends:
         end.close()

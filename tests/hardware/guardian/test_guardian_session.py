@@ -16,7 +16,7 @@ import pytest
 
 from eldir.errors import EldirError
 from eldir_hardware.guardian import _process as process
-from eldir_hardware.guardian._connection import Connection
+from eldir_hardware.guardian._connection import GuardianConnection
 from eldir_hardware.guardian.bank import Report
 from eldir_hardware.guardian.measured_heat import CurrentFlowsError
 from eldir_hardware.guardian.pulse_controller import KeepaliveError
@@ -125,14 +125,14 @@ def signals():
 @pytest.fixture
 def wires():
     """Both ends of a wire: the program's and the guardian's."""
-    ends = [Connection(end) for end in socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)]
+    ends = [GuardianConnection(end) for end in socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)]
     yield ends
     for end in ends:
         end.close()
 
 
 def served(
-    wires: list[Connection], *messages: dict, controller: Noting | None = None, end: bool = True
+    wires: list[GuardianConnection], *messages: dict, controller: Noting | None = None, end: bool = True
 ) -> Noting:
     """Serve these messages, and the end of the session."""
     controller = controller or Noting()
@@ -143,7 +143,7 @@ def served(
     return controller
 
 
-def told(wire: Connection) -> list[dict]:
+def told(wire: GuardianConnection) -> list[dict]:
     return wire.receive() or []
 
 
@@ -525,7 +525,7 @@ def test_before_it_heats_it_collects_garbage_and_asks_for_its_turn(monkeypatch):
 def test_the_program_serves_the_socket_it_was_given(wires, monkeypatch):
     served: list[int] = []
 
-    def guard(wire: Connection) -> None:
+    def guard(wire: GuardianConnection) -> None:
         served.append(wire.fileno())
         wire._end.detach()
         raise BrokenPipeError  # nobody reads what it prints

@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from eldir_hardware.clock import WallClock
-from eldir_hardware.guardian._connection import Connection
+from eldir_hardware.guardian._connection import GuardianConnection
 from eldir_hardware.guardian.bank import LEAD
 from eldir_hardware.log.reader import read_log
 from eldir_hardware.log.recorder import Recorder
@@ -135,9 +135,9 @@ def test_the_log_attests_the_rig_that_was_loaded(moment, tmp_path):
 def test_the_guardian_gets_the_values_that_are_logged(emulated, tmp_path, monkeypatch):
     """The file is gone before the guardian starts: nothing but the loaded values can reach it."""
     sent = []
-    send = Connection.send
+    send = GuardianConnection.send
     monkeypatch.setattr(
-        Connection, "send", lambda self, **message: (sent.append(message), send(self, **message))
+        GuardianConnection, "send", lambda self, **message: (sent.append(message), send(self, **message))
     )
     path = rig_file(tmp_path / "rig.yaml", "lcus", emulated.port, limits={"min_off_s": 1.0})
     rig = Rig.load(path)

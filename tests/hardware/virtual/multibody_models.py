@@ -14,7 +14,7 @@ from eldir.parameters.printed import BuiltParameters
 from eldir_cad.kit.printer import load_printer
 from eldir_cad.kit.specification import load_specification
 from eldir_cad.multibody.hubs import Inertia
-from eldir_cad.multibody.model import Coil, Hub, Multibody, Strip, build_multibody, with_pins
+from eldir_cad.multibody.model import CoilSpring, Hub, Multibody, Strip, build_multibody, with_pins
 from eldir_hardware.virtual.mujoco_body import MujocoMotion
 
 FREE = (0.035, 0.075)
@@ -27,7 +27,7 @@ def hub(x: float, y: float = 0.0, mass: float = 5e-3, inertia: float = 1e-7, fri
 
 
 def small(
-    hubs: Sequence[Hub], strips: Sequence[Strip] = (), coils: Sequence[Coil] = (), **changes: object
+    hubs: Sequence[Hub], strips: Sequence[Strip] = (), coils: Sequence[CoilSpring] = (), **changes: object
 ) -> Multibody:
     """Hubs that are points, without gravity and drag, unless changed."""
     plain = Multibody(

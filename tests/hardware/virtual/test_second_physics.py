@@ -21,7 +21,7 @@ from eldir.parameters.springs import SpringParameters
 from eldir_cad.kit.specification import load_specification
 from eldir_cad.multibody.hubs import hub_name
 from eldir_cad.multibody.mjcf import mjcf_text
-from eldir_cad.multibody.model import Coil, Multibody, Numerics
+from eldir_cad.multibody.model import CoilSpring, Multibody, Numerics
 from eldir_hardware.virtual.bodies import EngineBody
 from eldir_hardware.virtual.mujoco_body import MujocoBody, MujocoMotion, OverlapCheck, sample_multibody
 from tests.calibration.dynamics.hidden_rigs import walker
@@ -156,7 +156,7 @@ def test_a_fall_is_slowed_by_its_drag() -> None:
 
 
 def test_two_masses_swing_on_a_coil() -> None:
-    coil = Coil((0, 1), (1000.0, 1000.0), 0.0)
+    coil = CoilSpring((0, 1), (1000.0, 1000.0), 0.0)
     motion = MujocoMotion(small([hub(0.0, mass=2e-3), hub(0.05, mass=3e-3)], coils=[coil]), FREE)
     motion.data.qpos[0] = -1e-3
     motion.data.ctrl[:] = 0.05
