@@ -12,7 +12,6 @@ from eldir.core.pictures import GROUND, MARK, MOTOR, MOTOR_LONG, MOTOR_SHORT, PA
 from eldir.core.records import FloatArray
 from eldir.design import Design
 from eldir.rollout import Rollout
-from eldir.terrain import Terrain
 
 if TYPE_CHECKING:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -36,7 +35,7 @@ class Drawing:
         body = design.morphology
         finite = positions[np.isfinite(positions).all(axis=(1, 2))]
         low, high = finite.min(axis=(0, 1)) - _MARGIN, finite.max(axis=(0, 1)) + _MARGIN
-        ground = design.scene.terrain.height(_corners(design.scene.terrain, low[0], high[0]))
+        ground = design.scene.terrain.outline(low[0], high[0])[:, 1]
         low[1], high[1] = min(low[1], ground.min() - _MARGIN), max(high[1], ground.max())
         width, height = high - low
         # Video codecs want even numbers of pixels.
@@ -44,8 +43,7 @@ class Drawing:
         # What the clipping leaves free is shared by both sides.
         spare = max(0.0, height * _WIDTH * _DPI / rows - width) / 2
         low[0], high[0] = low[0] - spare, high[0] + spare
-        x = _corners(design.scene.terrain, low[0], high[0])
-        ground = design.scene.terrain.height(x)
+        x, ground = design.scene.terrain.outline(low[0], high[0]).T
         self._figure = Figure(figsize=(_WIDTH, rows / _DPI), dpi=_DPI)
         self._canvas = FigureCanvasAgg(self._figure)
         axes = self._figure.add_axes((0, 0, 1, 1))
@@ -114,9 +112,3 @@ def placed(design: Design) -> FloatArray:
     below = design.scene.terrain.height(rest[:, 0]) - rest[:, 1]
     rest[:, 1] += max(0.0, float(below.max()))
     return rest
-
-
-def _corners(terrain: Terrain, left: float, right: float) -> FloatArray:
-    """Corners of the ground's outline between two x [m], ends included."""
-    inside = terrain.x0[(terrain.x0 > left) & (terrain.x0 < right)]
-    return np.concatenate([[left], inside, [right]])

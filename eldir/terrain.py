@@ -95,6 +95,11 @@ class Terrain(Record):
         segment = np.maximum(np.searchsorted(self.x0, x, side="right") - 1, 0)
         return self.slope[segment] * x + self.intercept[segment]
 
+    def outline(self, first: float, last: float) -> FloatArray:
+        """Corners of the surface from `first` to `last` [m], both included: x and height, shape (K, 2)."""
+        x = np.array([first, *self.x0[(first < self.x0) & (self.x0 < last)], last])
+        return np.stack([x, self.height(x)], axis=1)
+
 
 @record
 class TerrainFile(FileRecord):

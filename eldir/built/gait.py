@@ -19,10 +19,10 @@ from eldir.parameters.springs import SpringParameters
 from eldir.rollout import Rollout
 from eldir.scene import Scene
 
-PERIOD = 20.0
-"""Usual period [s]: long enough to heat past Af and to cool below Mf with the fan
-(docs/reference/built.md)."""
-DUTY = 0.3
+PERIOD = 30.0
+"""Usual period [s]: long enough to heat past Af and to cool below Mf with the fan, also in a warm room, and
+to allow the rig of the template its current (decision 58)."""
+DUTY = 0.2
 SETTLE = 3.0
 """Rest before the first cycle [s]."""
 CONDITIONING = 1

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -24,6 +24,7 @@ from eldir.design import Design
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
+from eldir.parameters.tolerances import RigTolerances
 from eldir.rollout import simulate
 
 Stage = Callable[[str], None]
@@ -53,6 +54,8 @@ class HeatingLimits:
     timing: Callable[[SpringParameters, int], tuple[float, float]]
     """A function that gives the shortest period [s] and the duty in which these springs use their whole
     stroke, for a number of motors."""
+    tolerances: RigTolerances = field(default_factory=RigTolerances)
+    """The rig's tolerances."""
 
 
 @dataclass(frozen=True)
@@ -286,4 +289,6 @@ def _retime(gait: Gait, limits: HeatingLimits, springs: SpringParameters) -> lis
 def nominal_robots(design: Design, limits: HeatingLimits) -> RobotDistribution:
     """Nominal robots of a design without films, with hubs, on the rig's supply."""
     robot = RobotParameters(BuiltParameters().with_hubs(), limits.springs)
-    return NominalRobots(design.morphology, robot, design.ballast / 2, design.printed_terrain)
+    return NominalRobots(
+        design.morphology, robot, design.ballast / 2, design.printed_terrain, limits.tolerances
+    )

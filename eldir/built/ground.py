@@ -40,9 +40,7 @@ def check_terrain(terrain: Terrain) -> None:
 def surface_line(terrain: Terrain, positions: FloatArray, corner: float) -> FloatArray:
     """Corners of the surface of the printed ground under a robot with masses at `positions` [m], shape
     (M, 2): x and height [m], shape (K, 2). It is `corner` below the centre of a mass that stands [m]."""
-    first, last = printed_range(positions)
-    x = np.array([first, *terrain.x0[(first < terrain.x0) & (terrain.x0 < last)], last])
-    return np.stack([x, terrain.height(x) - corner], axis=1)
+    return terrain.outline(*printed_range(positions)) - np.array([0.0, corner])
 
 
 def _steps(terrain: Terrain) -> FloatArray:
@@ -58,6 +56,15 @@ def place(robot: PrintedRobot, terrain: Terrain | None) -> FloatArray:
     if terrain is not None:
         state[1] += find_lift(robot.positions, robot.parameters.corner, terrain)
     return state
+
+
+def begin_on(robot: PrintedRobot, terrain: Terrain | None, margin: float) -> tuple[FloatArray, FloatArray]:
+    """For pictures: where the masses begin (`place`), shape (M, 2), and the corners of the surface from
+    `margin` behind the robot to `margin` ahead of it, shape (K, 2) [m]; a table is at 0."""
+    begin = place(robot, terrain)[:2].T
+    first, last = begin[:, 0].min() - margin, begin[:, 0].max() + margin
+    table = np.array([[first, 0.0], [last, 0.0]])
+    return begin, table if terrain is None else terrain.outline(first, last)
 
 
 def find_lift(positions: FloatArray, corner: float, terrain: Terrain) -> float:

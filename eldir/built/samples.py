@@ -21,6 +21,7 @@ from eldir.design import Design
 from eldir.morphology import Morphology
 from eldir.parameters.printed import STRIP_SPREAD
 from eldir.parameters.robot import RobotParameters, sample_feet, sample_springs
+from eldir.parameters.tolerances import RigTolerances
 from eldir.terrain import Terrain
 
 _EQUAL = 0.1  # body lengths per five cycles: walks that differ by less count as equal
@@ -59,14 +60,20 @@ class RobotDistribution(Record, ABC):
 class NominalRobots(RobotDistribution):
     """Robots within the tolerances of printing and data sheets (`perturb`), for a design without films."""
 
+    tolerances: RigTolerances = field(default_factory=RigTolerances)
+    """Tolerances of what all springs have in common."""
+
     def sample(self, rng: np.random.Generator) -> RobotParameters:
-        """Sample one robot: each foot has its own friction, and each motor its own two springs."""
+        """Sample one robot on one rig: each foot has its own friction, and each motor its own two springs,
+        which have the errors of this rig in common."""
         printed = self.robot.printed.perturb(rng)
         strips = _sample_strips(self.morphology, printed.geometry, rng)
-        own = sample_springs(self.morphology.motors, self.robot.springs, rng)
+        # From a generator of its own: the robot is the same whatever the tolerances of its rig.
+        springs = self.tolerances.perturb(self.robot.springs, rng.spawn(1)[0])
+        own = sample_springs(self.morphology.motors, springs, rng)
         feet = sample_feet(len(self.morphology.positions), rng)
         printed = replace(printed, geometry=0.0)
-        return RobotParameters(printed, self.robot.springs, strips, feet=feet, own_springs=own)
+        return RobotParameters(printed, springs, strips, feet=feet, own_springs=own)
 
     def free_lengths_of(self, sample: RobotParameters) -> tuple[float, float]:
         """Free lengths of the nominal springs [m]: a millimetre of length does not change the stiffness."""

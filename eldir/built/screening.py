@@ -25,7 +25,7 @@ from eldir.terrain import Terrain
 
 MARGIN = 0.02
 """Required static margin [m]; 0.03 is safe."""
-PHASES = 8
+PHASES = 12
 _SOFT_CYCLES = 2
 _EXACT = 12  # designs that the second pass takes
 _AT_ONCE = 8  # designs that are driven between two calls of `progress`
@@ -112,9 +112,13 @@ def screen(
                 progress(0.5 * exact + 0.5 * (first + len(together)) / len(chosen))
 
     standing = [s.index for s in found if not s.rejected]
-    simulate_phases(standing, replace(p, tension=min(SOFT_TENSION, p.tension)), _SOFT_CYCLES, False)
+    simulate_phases(standing, _soften(p), _SOFT_CYCLES, False)
     simulate_phases(sorted(standing, key=lambda i: -found[i].best)[:_EXACT], p, CYCLES, True)
     return found
+
+
+def _soften(parameters: BuiltParameters) -> BuiltParameters:
+    return replace(parameters, tension=min(SOFT_TENSION, parameters.tension))
 
 
 def simulate_soft_walks(
@@ -123,7 +127,7 @@ def simulate_soft_walks(
     """The first pass alone: displacement of every design in its best phase, with soft strips [body lengths
     per five cycles], shape (n,); minus infinity if it fell or folded in all phases. `terrain` as in
     `screen`."""
-    soft, spring = replace(BuiltParameters(), tension=SOFT_TENSION), SpringParameters()
+    soft, spring = _soften(BuiltParameters()), SpringParameters()
     best = np.full(len(morphologies), -np.inf)
     for first in range(0, len(morphologies), _AT_ONCE):
         pairs = [

@@ -15,11 +15,16 @@ from eldir_hardware.rig.template import virtual_rig
 
 @cache
 def _template() -> dict[str, object]:
-    return parse_yaml(virtual_rig().encode(), "the template")
+    return parse_yaml(rig_text().encode(), "the template")
+
+
+def rig_text(**changes: object) -> str:
+    """The template's virtual rig with less current: a pulse is allowed every 20 s, and not every 30 s."""
+    return virtual_rig(**changes).replace("current_limit_a: 3.6", "current_limit_a: 3.45")
 
 
 def rig_with(**changes: object) -> Rig:
-    """The virtual rig of the template, with entries such as supply={"current_limit_a": 2}."""
+    """The virtual rig of the template at 3.45 A, with entries such as supply={"current_limit_a": 2}."""
     values = deepcopy(_template())
     for entry, change in changes.items():
         values[entry] = values.get(entry, {}) | change if isinstance(change, dict) else change

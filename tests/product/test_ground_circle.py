@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from io import BytesIO
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -15,24 +17,30 @@ from typer.testing import CliRunner
 
 from eldir.built import samples
 from eldir.built.ground import lay_on_table
-from eldir.core.files import write_text
+from eldir.core.files import write_bytes, write_text
 from eldir.core.worker_process import WorkerProcess
 from eldir.design import Design
 from eldir.errors import InputError
 from eldir.parameters.printed import BuiltParameters
 from eldir.terrain import Terrain, TerrainFile
 from eldir_app.application import application
+from eldir_app.watch.followed_run import FollowedRun
+from eldir_app.watch.run_view import RunView
 from eldir_calibration.comparison.motions import prepare_report
 from eldir_calibration.comparison.recorded_run import open_run
 from eldir_calibration.identification.identification import read_films
 from eldir_calibration.report.comparison import MotionReport
 from eldir_calibration.report.page import ReportInput, write_report
+from eldir_hardware.images.video import write_webm
+from eldir_hardware.log.reader import read_log
 from eldir_hardware.planning.plan import PlanConfig, plan
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.template import virtual_rig
 from eldir_hardware.run.drive import DriveConfig, drive_rig
 from eldir_hardware.virtual.bodies import default_physics
 from eldir_hardware.virtual.rig import BodyFrame
+from eldir_hardware.vision.printed_ground import CORNER, predict_ground
+from eldir_hardware.vision.sources import LoggedFrames
 from tests.raised import raises
 
 pytestmark = [pytest.mark.slow(40), pytest.mark.timeout(3600)]
@@ -128,9 +136,13 @@ def test_the_report_draws_the_ground_and_says_what_is_not_measured(circle: Circl
     assert "Where the ground lies is not measured" in (circle.folder / "report" / "index.html").read_text()
     overlay = circle.content.overlay
     assert overlay is not None
+    check_line_on_painted_ground(overlay)
+
+
+def check_line_on_painted_ground(overlay: bytes) -> None:
     pixels = np.asarray(Image.open(BytesIO(overlay)).convert("RGB")).astype(int)
-    yellow = (pixels[..., 0] > 220) & (pixels[..., 1] > 220) & (pixels[..., 2] < 60)
-    rows, columns = np.nonzero(yellow)
+    cyan = (pixels[..., 0] < 60) & (pixels[..., 1] > 220) & (pixels[..., 2] > 220)
+    rows, columns = np.nonzero(cyan)
     assert np.ptp(columns) > 0.3 * pixels.shape[1]
     # The painted ground, which is darker than the wall, begins at the line.
     inside = np.unique(columns)[20:-20:10]
@@ -138,6 +150,59 @@ def test_the_report_draws_the_ground_and_says_what_is_not_measured(circle: Circl
     below = np.array([pixels[e + 8, c].mean() for e, c in zip(edges, inside, strict=True)])
     above = np.array([pixels[e - 14, c].mean() for e, c in zip(edges, inside, strict=True)])
     assert np.median(above - below) > 15
+
+
+def test_tracking_draws_the_ground_where_the_virtual_one_is(circle: Circle) -> None:
+    """To 2 mm, though it does not know where that is."""
+    log, overlay = circle.folder / "log.mcap", circle.folder / "track.png"
+    invoke("track", str(log), "--out", str(circle.folder / "track.json"), "--overlay", str(overlay))
+    check_line_on_painted_ground(overlay.read_bytes())
+    rig, terrain = Rig.load(circle.folder / "rig.yaml"), lay_on_table(circle.design)
+    predicted, path = predict_ground(circle.design, rig), circle.content.tracked.trajectory
+    assert predicted is not None and terrain is not None
+    line = predicted.in_plane(path.times, path.positions)
+    assert line is not None
+    corner = 0.0 if default_physics() == "mujoco" else CORNER
+    assert line[:, 1] == pytest.approx(terrain.height(line[:, 0]) - corner, abs=0.002)
+
+
+def test_a_camera_s_film_without_a_run_shows_no_ground(circle: Circle) -> None:
+    """Nobody knows where the robot stood when such a film began."""
+    frames, name = LoggedFrames(read_log(circle.folder / "log.mcap")), "film.webm"
+    write_webm(circle.folder / name, (image[..., ::-1] for _, image in islice(frames, 20)), 10.0)
+    write_bytes(circle.folder / "tags.json", frames.attachments["tags.json"])
+    files = [
+        "--tags",
+        str(circle.folder / "tags.json"),
+        "--design",
+        str(circle.folder / "packet/design.json"),
+    ]
+    out = ["--out", str(circle.folder / "film.json"), "--overlay", str(circle.folder / "film.png")]
+    said = invoke("track", str(circle.folder / name), *files, *out)
+    assert "The printed ground is not drawn" in said
+    pixels = np.asarray(Image.open(circle.folder / "film.png").convert("RGB")).astype(int)
+    assert not ((pixels[..., 0] < 60) & (pixels[..., 1] > 220) & (pixels[..., 2] > 220)).any()
+
+
+def test_the_live_page_gets_the_line_of_the_report(circle: Circle) -> None:
+    async def follow() -> RunView:
+        run = FollowedRun(None, circle.folder / "log.mcap")
+        reading = asyncio.create_task(run.run())
+        async with asyncio.timeout(120):
+            while run.view is None or run.view.ground is None:
+                await asyncio.sleep(0.1)
+        reading.cancel()
+        await asyncio.gather(reading, *run._tracking_readers, return_exceptions=True)  # its process has ended
+        return run.view
+
+    ground = asyncio.run(follow()).ground
+    assert ground is not None and ground["colour"] == "rgb(0 255 255)"
+    plane, path = circle.content.plane, circle.content.tracked.trajectory
+    predicted = predict_ground(circle.design, Rig.load(circle.folder / "rig.yaml"))
+    assert plane is not None and predicted is not None
+    line = predicted.in_plane(path.times, path.positions)
+    assert line is not None
+    assert np.array(ground["corners"]) == pytest.approx(plane.to_pixels(line), abs=0.5)
 
 
 def test_a_log_on_a_ground_is_not_taken_for_one_on_a_table(circle: Circle) -> None:

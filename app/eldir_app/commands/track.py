@@ -90,8 +90,9 @@ def track(
         raise typer.BadParameter(f"--marks is only for films without a design: {reason}; remove it")
     config = _TrackingConfig(_plane(frames, plane, tags), layout, marks, marker)
     filming, result = _track(frames, config)
-    _save(result, config, source, out, overlay, save_plane)
-    for note in _notes(result, config, frames):
+    ground, on_ground = (None, []) if overlay is None else _ground(frames, design, result)
+    _save(result, config, source, out, overlay, save_plane, ground)
+    for note in [*_notes(result, config, frames), *on_ground]:
         print(f"note: {note}")
     quality, times = result.quality, result.trajectory.times
     measured = ", ".join(
@@ -158,6 +159,7 @@ def _save(
     out: Path,
     overlay: Path | None,
     save_plane: Path | None,
+    ground: FloatArray | None,
 ) -> None:
     """Write the trajectory, and the plane and the picture if they are wanted."""
     from eldir.core.files import write_bytes
@@ -168,7 +170,30 @@ def _save(
     if save_plane is not None:
         config.plane.save(save_plane)
     if overlay is not None:
-        write_bytes(overlay, pipeline.draw_overlay(result.last_frame, config.plane, result.trajectory))
+        write_bytes(
+            overlay, pipeline.draw_overlay(result.last_frame, config.plane, result.trajectory, ground)
+        )
+
+
+def _ground(frames: Source, file: Path | None, result: TrackingResult) -> tuple[FloatArray | None, list[str]]:
+    """The printed ground in the plane of motion (`PrintedGround.in_plane`), and notes on it; only a log says
+    when its run began."""
+    from eldir.design import Design
+    from eldir_hardware.log.reader import read_attachment
+    from eldir_hardware.rig.configuration import Rig
+    from eldir_hardware.vision.printed_ground import NOT_DRAWN, ON_GROUND, predict_ground
+    from eldir_hardware.vision.recording_setup import read_attached_design
+    from eldir_hardware.vision.sources import LoggedFrames
+
+    design = read_attached_design(frames) if file is None else Design.load(file)
+    if design is None or design.printed_terrain is None:
+        return None, []
+    if not isinstance(frames, LoggedFrames):
+        return None, [NOT_DRAWN]
+    rig = read_attachment(frames.attachments, frames.name, "rig.yaml", Rig.from_json)
+    predicted, path = predict_ground(design, rig), result.trajectory
+    ground = None if predicted is None else predicted.in_plane(path.times, path.positions)
+    return ground, [NOT_DRAWN if ground is None else ON_GROUND]
 
 
 def _notes(result: TrackingResult, config: _TrackingConfig, frames: Source) -> list[str]:

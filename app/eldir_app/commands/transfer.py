@@ -62,8 +62,12 @@ def transfer(
     from eldir_hardware.planning.workshop import make_workshop
     from eldir_hardware.rig.configuration import Rig
 
-    springs = make_workshop().springs if rig is None else Rig.load(rig).spring_parameters()
-    config = TransferConfig(samples, cycles, phases, seed, springs)
+    if rig is None:
+        config = TransferConfig(samples, cycles, phases, seed, make_workshop().springs)
+    else:
+        loaded = Rig.load(rig)
+        springs, tolerances = loaded.spring_parameters(), loaded.spring_tolerances()
+        config = TransferConfig(samples, cycles, phases, seed, springs, tolerances)
     result = _compare(names, config, explain, engine)
 
     write_transfer(result, out)

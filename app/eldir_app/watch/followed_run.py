@@ -29,6 +29,7 @@ _logger = logging.getLogger(__name__)
 _LOG_INTERVAL_S = 0.03  # between two reads of the log
 _PROCESS_INTERVAL_S = 0.7  # between two searches for driven ports
 _READ_TIME_S = 0.03  # a long log is read in pieces of this time; stops and pages are served in between
+_MAX_LINE = 1 << 20  # of the tracking process: a ground has up to thousands of corners
 _MAX_RUN_TIME_S = 1e8  # a log that started longer ago than this has virtual time
 
 
@@ -180,6 +181,7 @@ class FollowedRun:
             stdin=asyncio.subprocess.DEVNULL,
             stdout=asyncio.subprocess.PIPE,
             stderr=asyncio.subprocess.DEVNULL,
+            limit=_MAX_LINE,
         )
         reader = asyncio.create_task(self._read_tracks(self._tracking, self.view))
         self._tracking_readers.add(reader)
@@ -192,6 +194,8 @@ class FollowedRun:
                 row = json.loads(line)
                 if isinstance(row, list):
                     view.curves["marks"].add(row)
+                elif isinstance(row, dict):
+                    view.ground = row
                 else:
                     view.curves["events"].add([view.latest, 0, "marks", row])
                 self._notify_pages()

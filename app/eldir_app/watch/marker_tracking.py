@@ -3,7 +3,8 @@
 python -m eldir_app.watch.marker_tracking LOG
 
 It follows the log and prints JSON lines: a list of time [s], walk [body lengths] or null, and the position of
-each marker in the picture [px] or null; or a string that says why the markers cannot be tracked.
+each marker in the picture [px] or null; a string that says why the markers cannot be tracked; or, once, an
+object with the line of the printed ground: its corners [px] and its colour.
 """
 
 from __future__ import annotations
@@ -22,11 +23,14 @@ from eldir.design import Design
 from eldir.errors import EldirError
 from eldir_hardware.camera.plane import Plane, TagBoard
 from eldir_hardware.images import jpeg
+from eldir_hardware.images.video import GROUND_COLOUR
 from eldir_hardware.log import messages as m
 from eldir_hardware.log.following import LogFollower, LogMessage
 from eldir_hardware.log.reader import read_attachment
+from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.schedule import ActuationSchedule
 from eldir_hardware.vision.pipeline import LiveTracker
+from eldir_hardware.vision.printed_ground import predict_ground
 from eldir_hardware.vision.recording_setup import CALIBRATION_FRAMES, marker_layout, read_marker_kind
 
 _POLL_INTERVAL_S = 0.05
@@ -65,6 +69,7 @@ class _LogTracker:
         self._tracker: LiveTracker | None = None
         self._walk: WalkMeter | None = None
         self._notes_printed = 0
+        self._has_printed_ground = False
 
     def update(self, picture: LogMessage) -> list[list[Any]]:
         """Rows to print. Raises `EldirError` if the plane of motion is unknown."""
@@ -94,7 +99,9 @@ class _LogTracker:
                 "the log has no plane of motion and no reference tags: its markers are not tracked"
             )
         layout = None if design is None else marker_layout(design)
-        self._tracker = LiveTracker(tags, plane, layout, read_marker_kind(files, path))
+        rig = read_attachment(files, path, "rig.yaml", Rig.from_json)
+        ground = None if design is None else predict_ground(design, rig)
+        self._tracker = LiveTracker(tags, plane, layout, read_marker_kind(files, path), ground)
         self._tracker.reset(self._log.epoch_ns)
         if design is not None and schedule is not None:
             from eldir.built.robot import build
@@ -107,6 +114,16 @@ class _LogTracker:
         new, self._notes_printed = notes[self._notes_printed :], len(notes)
         return new
 
+    def new_ground(self) -> list[dict[str, Any]]:
+        """The line of the ground in the picture, once it is known."""
+        tracker = self._tracker
+        if self._has_printed_ground or tracker is None or tracker.ground is None or tracker.plane is None:
+            return []
+        self._has_printed_ground = True
+        pixels = tracker.plane.to_pixels(tracker.ground).round(1).tolist()
+        blue, green, red = GROUND_COLOUR
+        return [{"corners": pixels, "colour": f"rgb({red} {green} {blue})"}]
+
 
 def main() -> None:
     """Follow the log until it ends, or until the parent process has ended."""
@@ -116,7 +133,7 @@ def main() -> None:
         tracker = _LogTracker(log)
         for picture in _select_pictures(log, is_replay=log.is_complete):
             try:
-                rows: list[Any] = [*tracker.update(picture), *tracker.new_notes()]
+                rows: list[Any] = [*tracker.update(picture), *tracker.new_notes(), *tracker.new_ground()]
             except EldirError as error:
                 rows = [] if str(error) == last_error else [str(error)]
                 last_error = str(error)

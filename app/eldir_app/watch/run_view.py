@@ -61,6 +61,8 @@ class RunView:
         self.pictures: list[tuple[float, MessagePlace]] = []
         self.picture: tuple[float, bytes] | None = None
         """The newest picture: time [s] and JPEG."""
+        self.ground: dict[str, Any] | None = None
+        """The line of the printed ground in the pictures: corners [px] and colour."""
         self.paused = False
         self._row: dict[str, float] = {}
         self._row_t = 0.0

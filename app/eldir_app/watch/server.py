@@ -168,7 +168,7 @@ class Server:
         state |= {"trouble": run.problem, "now": run.now}
         if view is not None:
             state |= {"log": view.path.name, "plan": view.plan, "latest": view.latest}
-            state |= {"paused": view.paused, "camera_rate": view.camera_rate}
+            state |= {"ground": view.ground, "paused": view.paused, "camera_rate": view.camera_rate}
         return state
 
 

@@ -28,6 +28,8 @@ _WALL, _END = 2.4, 10.0  # of a piece: its skin and ribs, and its solid ends
 _CELL = 50.0  # longest hollow between two ribs
 _MIN_CELL = 100.0  # smaller hollows are filled [mm2]
 _MITER = 20.0  # sharp corners of hollows stay sharp
+_KEPT = 2.0  # corners of 60 degrees and more stay sharp when thin walls are looked for
+_TOLERANCE = 1e-3
 _TONGUE = (5.0, 6.0)  # length and height
 _BLOCK_STEP = 10.0  # heights of the blocks under pieces are multiples of it
 _DIGITS, _STROKE, _ENGRAVED = 5.0, 0.8, 0.6  # height, line and depth of what is engraved
@@ -74,7 +76,7 @@ def make_ground(
 
     A ground that is higher than the plate is divided into shorter pieces, or stands on blocks. Walls are
     `_WALL` thick, but for the sharp edges that the terrain and its cuts have. Raises `EldirError` for one
-    that is too high or too deep to be printed even so.
+    that is too high or too deep to be printed even so, and for one with walls too thin for the printer.
     """
     first, last = (1e3 * x for x in printed_range(positions))
     lowered = on_table(terrain, positions)
@@ -89,6 +91,7 @@ def make_ground(
             profile += _tongue(cuts[i + 1], max(block, blocks[i + 1]), 0.0)
         if i > 0:
             profile -= _tongue(cuts[i], max(block, blocks[i - 1]), clearance)
+        _require_thick(i + 1, profile, cuts[i], terrain, printer)
         engraving = _engraving(i + 1, surface, block, marks)
         solid = extrude(profile, 0, width) - extrude(engraving, width - _ENGRAVED, width + 1)
         low = profile.bounds()[:2]
@@ -153,6 +156,32 @@ def _hollow(surface: FloatArray, block: float) -> CrossSection:
         if opened.area() > _MIN_CELL:
             whole -= opened
     return whole
+
+
+def _require_thick(
+    number: int, profile: CrossSection, start: float, terrain: Terrain, printer: Printer
+) -> None:
+    """Raise `EldirError` for the profile of a piece with walls or ridges thinner than the printer's thinnest
+    wall. Less than a square of that width may be lost at a corner."""
+    minimum = printer.minimum.wall
+    half = minimum / 2 - _TOLERANCE
+    kept = profile.offset(-half, JoinType.Miter, _KEPT).offset(half, JoinType.Miter, _KEPT)
+    lost = max((profile - kept).decompose(), key=lambda piece: piece.area(), default=CrossSection())
+    if lost.area() < minimum**2:
+        return
+    left, low, right, high = lost.bounds()
+    length = max(right - left, high - low)
+    middle = (left + right) / 2
+    corner = int(np.abs(terrain.x0 - 1e-3 * middle).argmin())
+    raise EldirError(
+        f"piece {number} of the ground has a wall that is too thin for {printer.name}",
+        code="ground.too-thin",
+        expected=f"at least {minimum:g} mm",
+        found=f"{lost.area() / length:.2f} mm on average over a length of {length:.1f} mm, "
+        f"{middle - start:.0f} mm from its rear end",
+        remedy=f"make the terrain at x = {middle:.0f} mm (x0[{corner}]) wider, lower or less steep, or "
+        "choose another printer",
+    )
 
 
 def _tongue(at: float, bottom: float, clearance: float) -> CrossSection:

@@ -14,6 +14,7 @@ from matplotlib.lines import Line2D
 from pydantic import Field, NonNegativeInt
 
 from eldir.built.gait import CYCLES, Gait
+from eldir.built.ground import begin_on
 from eldir.built.robot import build
 from eldir.built.samples import SampledWalks
 from eldir.built.walking import MAX_TIE_SHARE
@@ -170,32 +171,37 @@ def write_shortlist(shortlist: Shortlist, out: Path) -> tuple[RankingRow, ...]:
             predicted = {"gait": row.gait.to_json(), "predicted": row.predicted.to_json()}
             replace(d, provenance=d.provenance | predicted).save(folder / name)
         Ranking(shortlist.considered, shortlist.left_out, rows).save(folder / "ranking.json")
-        write_bytes(folder / "shortlist.png", png(_draw_designs(shortlist.candidates, rows)))
+        write_bytes(folder / "shortlist.png", png(draw_designs(shortlist.candidates, rows)))
     return rows
 
 
-def _draw_designs(candidates: Sequence[RankedDesign], rows: Sequence[RankingRow]) -> Figure:
+def draw_designs(candidates: Sequence[RankedDesign], rows: Sequence[RankingRow]) -> Figure:
     """The bodies side by side with their predictions, from the rows of the ranking."""
     columns = min(len(candidates), 3)
     lines = -(-len(candidates) // columns)
     figure = Figure(figsize=(4.6 * columns, 2.9 * lines), layout="constrained")
-    # All at the same scale, each centred above the ground.
-    width, height = np.max([np.ptp(c.design.morphology.positions, axis=0) for c in candidates], axis=0)
+    # All at the same scale, each centred where it begins on its ground.
+    robots = [build(c.design.morphology) for c in candidates]
+    width = max(r.body_length for r in robots)
+    begins = [
+        begin_on(r, c.design.printed_terrain, (1.1 * width - r.body_length) / 2)
+        for r, c in zip(robots, candidates, strict=True)
+    ]
+    height = max(places[:, 1].max() - surface[:, 1].min() for places, surface in begins)
     for i, (candidate, row) in enumerate(zip(candidates, rows, strict=True)):
         axes = figure.add_subplot(lines, columns, i + 1)
-        body = candidate.design.morphology
-        ends = body.positions[body.springs]
+        body, (positions, surface) = candidate.design.morphology, begins[i]
+        ends = positions[body.springs]
         axes.add_collection(LineCollection(list(ends[~body.active]), colors="#777777", linewidths=1.2))
         axes.add_collection(LineCollection(list(ends[body.active]), colors=MOTOR, linewidths=3.5))
-        x, y = body.positions[marked_masses(body)].T
-        axes.plot(*body.positions.T, "o", color="black", markersize=3)
+        x, y = positions[marked_masses(body)].T
+        axes.plot(*positions.T, "o", color="black", markersize=3)
         axes.plot(x, y, "o", color=MARK, markersize=6)
-        joints = body.positions[[h.mass for h in find_hinges(body)]].reshape(-1, 2).T
+        joints = positions[[h.mass for h in find_hinges(body)]].reshape(-1, 2).T
         axes.plot(*joints, "o", mfc="none", mec="black", markersize=9)
-        axes.axhline(float(body.positions[:, 1].min()), color="#bbbbbb", linewidth=0.8, zorder=0)
-        left, bottom = body.positions.min(axis=0)
-        middle = left + body.body_length / 2
-        axes.set_xlim(middle - 0.55 * width, middle + 0.55 * width)
+        axes.plot(*surface.T, color="#bbbbbb", linewidth=0.8, zorder=0)
+        bottom = surface[:, 1].min()
+        axes.set_xlim(surface[0, 0], surface[-1, 0])
         axes.set_ylim(bottom - 0.02, bottom + 1.05 * height)
         axes.set_aspect("equal")
         axes.axis("off")

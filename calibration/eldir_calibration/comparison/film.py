@@ -14,6 +14,7 @@ from eldir_hardware.camera.plane import Plane
 from eldir_hardware.images import jpeg
 from eldir_hardware.images.video import draw_body, draw_ground, encode_webm, resize_to_width
 from eldir_hardware.log.reader import RunLog
+from eldir_hardware.vision.printed_ground import SETTLED_S, start_offset
 
 MAX_PICTURES = 80
 """Maximum number of pictures in the film."""
@@ -21,7 +22,6 @@ FRAME_RATE = 10.0
 """Frame rate of the film [1/s]."""
 MAX_SIZE = 500_000
 """Maximum size of the film [bytes]; a larger film is made again with smaller pictures."""
-_SETTLED = 0.5  # after the start; springs are hardly warm then [s]
 _WIDTHS = (480, 360, 270)  # [px]
 _CROP_MARGIN = 0.12  # around the robot, of the larger side
 _MIN_SIDE = 64  # of the cropped picture [px]
@@ -49,10 +49,8 @@ def render_film(log: RunLog, plane: Plane, filmed: Motion, body: PredictedBody) 
     begin, end = filmed.start, filmed.start + filmed.cycles * filmed.period
     pictures = _select_pictures(log, begin, end)
     ground = ground_in_film(filmed, body)
-    if ground is None:
-        offset = np.array([_forward_offset(filmed, body, begin), 0.0])
-    else:
-        offset = _start_offset(filmed, body)
+    start = None if ground is None else _start_offset(filmed, body)
+    offset = np.array([_forward_offset(filmed, body, begin), 0.0]) if start is None else start
     bodies = [plane.to_pixels(_positions_at(body, t) + offset) for t, _ in pictures]
     markers = plane.to_pixels(filmed.trajectory.positions.reshape(-1, 2))
     crop = _crop(np.concatenate([*bodies, markers]), plane.size)
@@ -77,27 +75,15 @@ def _select_pictures(log: RunLog, begin: float, end: float) -> list[tuple[float,
 
 
 def ground_in_film(filmed: Motion, body: PredictedBody) -> FloatArray | None:
-    """Surface of the printed ground in the plane of motion: x and height [m], shape (P, 2); None: a table.
-
-    Nothing measures where the ground lies: it is put where the predicted robot stands as the filmed one does,
-    a moment after the start.
-    """
-    return None if body.ground is None else body.ground + _start_offset(filmed, body)
+    """Surface of the printed ground in the plane of motion: x and height [m], shape (P, 2); None: a table, or
+    it is not known where the ground lies (`eldir_hardware.vision.printed_ground`)."""
+    offset = None if body.ground is None else _start_offset(filmed, body)
+    return None if body.ground is None or offset is None else body.ground + offset
 
 
-def _start_offset(filmed: Motion, body: PredictedBody) -> FloatArray:
-    """From the predicted markers to the filmed ones when the predicted robot has settled: forward and up
-    [m]."""
-    path = filmed.trajectory
-    seen = np.stack(
-        [
-            [np.interp(_SETTLED, path.times, path.positions[:, k, axis]) for axis in range(2)]
-            for k in range(len(path.names))
-        ]
-    )
-    offsets = seen - _positions_at(body, _SETTLED)[body.marker_masses[: len(path.names)]]
-    good = np.isfinite(offsets).all(axis=1)
-    return np.asarray(offsets[good].mean(axis=0)) if good.any() else np.zeros(2)
+def _start_offset(filmed: Motion, body: PredictedBody) -> FloatArray | None:
+    markers = _positions_at(body, SETTLED_S)[body.marker_masses]
+    return start_offset(filmed.trajectory.times, filmed.trajectory.positions, markers)
 
 
 def _forward_offset(filmed: Motion, body: PredictedBody, t: float) -> float:

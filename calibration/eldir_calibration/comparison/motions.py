@@ -24,13 +24,13 @@ from eldir_hardware.log.mcap_file import fingerprint
 from eldir_hardware.safety.compatibility import compare_wiring, packet_wiring
 from eldir_hardware.schedule import ActuationSchedule
 from eldir_hardware.vision.pipeline import draw_overlay, track_frames
+from eldir_hardware.vision.printed_ground import NOT_DRAWN, ON_GROUND
 from eldir_hardware.vision.recording_setup import find_recorded_plane, marker_layout, read_attached_lens
 from eldir_hardware.vision.sources import LoggedFrames, Source
 from eldir_hardware.vision.tracking_quality import TrackingQuality
 
 _ON_GROUND = (
-    "The robot walks on a printed ground, and so do its predictions. Where the ground lies is not measured: "
-    "it is drawn where the prediction has it under the robot at the start. The walk is that along the table, "
+    "The robot walks on a printed ground, and so do its predictions. {} The walk is that along the table, "
     "not along a slope."
 )
 _MIN_WALK = 0.3  # below this prediction the report explains it [body lengths per five cycles]
@@ -83,6 +83,7 @@ def prepare_report(
     )
     main, film = runs[0], tracked[0]
     own = {"simulated": predictions.evolved, "predicted": filmed[0].predicted}
+    ground = ground_in_film(film.motion, predictions.body)
     return ReportInput(
         title=f"Simulated, predicted and filmed: {', '.join(run.log for run in filmed)}",
         simulated=predictions.evolved,
@@ -90,13 +91,8 @@ def prepare_report(
         before=predictions.before and _truncate(predictions.before, film.motion),
         tracked=film.motion,
         heating=_heating(main),
-        overlay=draw_overlay(
-            film.frame,
-            film.plane,
-            film.motion.trajectory,
-            ground_in_film(film.motion, predictions.body),
-        ),
-        remarks=_remarks(runs, tracked, filmed[0]),
+        overlay=draw_overlay(film.frame, film.plane, film.motion.trajectory, ground),
+        remarks=_remarks(runs, tracked, filmed[0], has_ground=ground is not None),
         provenance=_provenance(runs, film.plane),
         runs=filmed,
         others=compare_with_others(own, film.motion, predictions.others),
@@ -122,7 +118,9 @@ def _open_filmed_runs(paths: Sequence[Path], design: Design) -> list[LoggedRun]:
     return sorted(runs, key=lambda run: run.design.variant != Variant())
 
 
-def _remarks(runs: Sequence[LoggedRun], tracked: Sequence[TrackedRun], first: FilmedRun) -> tuple[str, ...]:
+def _remarks(
+    runs: Sequence[LoggedRun], tracked: Sequence[TrackedRun], first: FilmedRun, has_ground: bool
+) -> tuple[str, ...]:
     """Remarks on the schedule, the tracking, incomplete logs and the plane of motion."""
     main, film = runs[0], tracked[0]
     remarks = [*_schedule_remarks(main.schedule), *film.quality.remarks(main.names)]
@@ -133,7 +131,7 @@ def _remarks(runs: Sequence[LoggedRun], tracked: Sequence[TrackedRun], first: Fi
         if one.motion.cycles < run.schedule.cycles
     ]
     if main.design.printed_terrain is not None:
-        remarks.append(_ON_GROUND)
+        remarks.append(_ON_GROUND.format(ON_GROUND if has_ground else NOT_DRAWN))
     if "remark" in film.plane.provenance:
         remarks.append(film.plane.provenance["remark"])
     if first.robot != INTACT:

@@ -20,8 +20,6 @@ from eldir.built.walking import stays_upright
 from eldir.core.records import FloatArray, IntArray
 from eldir.design import Design
 from eldir.errors import EldirError, divergence_error
-from eldir.parameters.printed import BuiltParameters
-from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
 from eldir.rollout import simulate
 from eldir.trajectory import Trajectory
@@ -32,9 +30,8 @@ from eldir_calibration.report.controls import sample_other_robots
 from eldir_calibration.report.verdict import SampledMotions
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.schedule import ActuationSchedule
+from eldir_hardware.vision.printed_ground import CORNER
 
-_CORNER = BuiltParameters().with_hubs().corner
-"""Height of a standing mass's centre over the ground [m]; pins, which have no size, stand as high."""
 _INTERVAL = 0.05  # of the predicted temperatures [s]
 _UPRIGHT_STRIDE = 20  # intervals between two checks whether a sample stands
 _BODY_STRIDE = 2  # intervals from one place of the whole body to the next
@@ -135,15 +132,9 @@ def simulate_evolved(run: RecordedRun) -> Motion:
     )
 
 
-def _nominal_joints(rig: Rig) -> BuiltParameters:
-    """A nominal robot with hubs; with pins where the engine moves a virtual one, which has them."""
-    pinned = rig.kind == "virtual" and rig.virtual.physics == "eldir"
-    return BuiltParameters() if pinned else BuiltParameters().with_hubs()
-
-
 def _prepare_run(run: RecordedRun, scene: PrintedScene | None) -> _Simulation:
     body, ballast = run.design.morphology, run.design.ballast / 2
-    nominal = RobotParameters(_nominal_joints(run.rig), run.rig.spring_parameters())
+    nominal = run.rig.nominal_robot()
     whole = nominal if scene is None else scene.robot_of(run.design)
     robot = build(body, whole, ballast=ballast)
     lengths = _free_lengths(run, whole.motor_springs(body.motors), body.motor_hubs)
@@ -155,8 +146,13 @@ def _prepare_samples(run: RecordedRun, scene: PrintedScene | None, count: int) -
     """Samples of the robot of a run; with the schedule's seed they are those that `eldir gait` simulated."""
     design, body = run.design, run.design.morphology
     if scene is None:
-        nominal = RobotParameters(_nominal_joints(run.rig), run.rig.spring_parameters())
-        robots: RobotDistribution = NominalRobots(body, nominal, design.ballast / 2, design.printed_terrain)
+        robots: RobotDistribution = NominalRobots(
+            body,
+            run.rig.nominal_robot(),
+            design.ballast / 2,
+            design.printed_terrain,
+            run.rig.spring_tolerances(),
+        )
     else:
         robots = IdentifiedRobots.of(design, scene, [film.gait for film in scene.filmed_of(design)])
     found = []
@@ -203,7 +199,7 @@ def _simulate(simulations: Sequence[_Simulation]) -> tuple[list[Motion | None], 
         whole.positions[shown],
         first.run.design.morphology.springs,
         first.marker_masses,
-        None if terrain is None else surface_line(terrain, first.robot.positions, _CORNER),
+        None if terrain is None else surface_line(terrain, first.robot.positions, CORNER),
     )
     return motions, body
 

@@ -29,6 +29,7 @@ from eldir.morphology import Morphology
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
+from eldir.parameters.tolerances import RigTolerances
 from eldir_cad.kit import PRINTER
 from eldir_cad.kit.printer import load_printer
 from eldir_cad.kit.specification import load_specification
@@ -64,17 +65,19 @@ def walk_sampled_robot(
     gait: Gait,
     seed: int,
     springs: SpringParameters,
+    tolerances: RigTolerances,
     cycles: int,
     cancelled: Event | None = None,
 ) -> MujocoWalk:
     """Walk of the robot that a seed gives the virtual rig.
 
-    Robot, feet, slope of the table and each spring deviate by the seed. `springs`: their mean. `cycles` are
-    counted, after one that is not. Once `cancelled` is set it gives up.
+    Robot, feet, slope of the table, all springs together and each by itself deviate by the seed from the
+    nominal `springs`. `cycles` are counted, after one that is not. Once `cancelled` is set it gives up.
     """
     sample = sample_multibody(design.morphology, seed, design.ballast, terrain=design.printed_terrain)
     model = replace(sample, numerics=FINE_NUMERICS)
-    heating = sample_heating(gait, seed, springs, cycles, design.morphology.motor_hubs)
+    on_rig = tolerances.perturb_by_seed(springs, seed)
+    heating = sample_heating(gait, seed, on_rig, cycles, design.morphology.motor_hubs)
     return measure_walk(model, design.morphology, heating, cycles, springs, cancelled)
 
 
@@ -173,6 +176,8 @@ class TransferConfig(SimulationExtent):
 
     springs: SpringParameters = field(default_factory=SpringParameters)
     """Mean of the springs."""
+    tolerances: RigTolerances = RigTolerances()
+    """Tolerances of the rigs."""
 
 
 @dataclass(frozen=True)
@@ -297,7 +302,9 @@ def compare_walks(
         progress(f"predicting {one.file}", 0)
         gaits = [one.gait, *shift_phases(one.gait, settings.phases)]
         robot = RobotParameters(BuiltParameters().with_hubs(), settings.springs)
-        robots = NominalRobots(body, robot, one.design.ballast / 2, one.design.printed_terrain)
+        robots = NominalRobots(
+            body, robot, one.design.ballast / 2, one.design.printed_terrain, settings.tolerances
+        )
         predicted = sample_walks(robots, gaits, settings.samples, settings.seed)
         progress(f"MuJoCo: {one.file}", 1)
         seeds = robot_seeds(number, settings)
@@ -322,7 +329,7 @@ def _walk_in_parallel(
         try:
             yield from pool.map(
                 lambda seed: walk_sampled_robot(
-                    design, gait, seed, settings.springs, settings.cycles, cancelled
+                    design, gait, seed, settings.springs, settings.tolerances, settings.cycles, cancelled
                 ),
                 seeds,
             )

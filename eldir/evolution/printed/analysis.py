@@ -33,6 +33,7 @@ from eldir.morphology import Morphology
 from eldir.terrain import Terrain
 
 _COLUMNS = 4  # of robots side by side
+_BESIDE = 0.1  # of the longest robot: ground that is drawn on either side of each
 _AHEAD = 10.0  # body lengths of a terrain before the robot that are drawn, at most
 _WALK = "walk [body lengths per 5 cycles]"
 _SHOWN = 12
@@ -154,19 +155,20 @@ def archive_figure(elites: Sequence[Elite]) -> Figure:
     return figure
 
 
-def bodies_figure(elites: Sequence[Elite]) -> Figure:
-    """Picture of elites side by side at one scale, on the ground."""
+def bodies_figure(elites: Sequence[Elite], terrain: Terrain | None = None) -> Figure:
+    """Picture of elites side by side at one scale, on a table or where they begin on the terrain."""
     rows = -(-len(elites) // _COLUMNS)
     figure = Figure(figsize=(3.0 * _COLUMNS, 2.4 * rows), layout="constrained")
     drawn = figure.subplots(rows, _COLUMNS, squeeze=False, sharex=True, sharey=True).ravel()
     for axes in drawn:
         axes.axis("off")
+    longest = max(e.robot.body_length for e in elites)
     for axes, e in zip(drawn, elites, strict=False):
-        x, y = e.body.positions.T
-        place = np.column_stack([x - (x.min() + x.max()) / 2, y - y.min()])
-        draw_springs(axes, place, e.body)
-        axes.plot(*place.T, "o", ms=2.5, color="black")
-        axes.axhline(0.0, color=GROUND, lw=1.0, zorder=0)
+        begin, surface = ground.begin_on(e.robot, terrain, _BESIDE * longest)
+        origin = np.array([(begin[:, 0].min() + begin[:, 0].max()) / 2, begin[:, 1].min()])
+        draw_springs(axes, begin - origin, e.body)
+        axes.plot(*(begin - origin).T, "o", ms=2.5, color="black")
+        axes.plot(*(surface - origin).T, color=GROUND, lw=1.0, zorder=0)
         axes.set_aspect("equal")
         axes.set_title(
             f"{e.walker.number}: {e.walker.expected:+.2f} ± {e.walker.error:.2f}\n"
@@ -185,8 +187,7 @@ def ground_figure(best: Elite, terrain: Terrain) -> Figure:
     draw_springs(axes, begin, best.body)
     length, (back, front) = best.robot.body_length, (begin[:, 0].min(), begin[:, 0].max())
     first, last = back - length, min(max(terrain.x0[-1], front), front + _AHEAD * length) + length
-    x = np.unique([first, last, *terrain.x0[(terrain.x0 > first) & (terrain.x0 < last)]])
-    axes.plot(x, terrain.height(x), color=GROUND)
+    axes.plot(*terrain.outline(first, last).T, color=GROUND)
     axes.set_aspect("equal")
     axes.margins(0.02)
     hide_frame(axes)
@@ -259,7 +260,7 @@ def write_printed_analysis(
         ),
         "elites": (
             "The best elites at one scale, with motors, expected walk and number",
-            bodies_figure(shown),
+            bodies_figure(shown, run.config.terrain),
         ),
         "gaits": ("When each motor of these elites is heated, one row a motor", gaits_figure(shown)),
         "walks": (

@@ -23,9 +23,9 @@ from eldir.genotype import Genotype, repair_bodies, repair_springs, unstack
 from eldir.lattice import Lattice
 from eldir.morphology import Morphology, develop
 
-_PHASE_STEP = 0.08
+_PHASE_STEP = 0.055
 """Standard deviation of a change of phase, as a fraction of the period: the peak of a walk over the phase is
-about 0.1 wide (docs/reference/evolution.md)."""
+about two seconds wide (docs/reference/evolution.md)."""
 _OPERATORS = {"body": 0.45, "motor": 0.25, "gait": 0.2, "place": 0.1}
 _ELSEWHERE = 0.3  # probability that a motor moves anywhere, not to a neighbour
 _OTHER_TIMING = 0.3

@@ -35,8 +35,8 @@ _CODEC = "libvpx-vp9"
 _OPTIONS = {"crf": "20", "deadline": "realtime", "cpu-used": "8"}
 """Drawings and camera pictures keep their looks; slower settings take up to eighty times as long."""
 _PREDICTION_COLOUR = (0, 159, 230)  # BGR of the report's colour for what is predicted, #E69F00
-GROUND_COLOUR = (0, 255, 255)
-"""BGR of the surface of a printed ground in pictures of a camera."""
+GROUND_COLOUR = (255, 255, 0)
+"""BGR of the surface of a printed ground in pictures of a camera: cyan, which no marker has."""
 _FRACTION_BITS = 3  # bits of a pixel's fraction
 _OPEN_OPTIONS = {"protocol_whitelist": "file"}  # a list of addresses is no film
 _STRICT_DECODING = {"err_detect": "explode"}  # otherwise decoders fill damaged parts from other pictures
@@ -110,7 +110,7 @@ def draw_body(picture: NDArray[np.uint8], pixels: FloatArray, springs: IntArray,
     cv2.putText(picture, text, (8, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (255, 255, 255), 1, cv2.LINE_AA)
 
 
-def draw_ground(picture: NDArray[np.uint8], pixels: FloatArray) -> None:
+def draw_ground(picture: Image, pixels: FloatArray) -> None:
     """Draw into a BGR picture (H, W, 3) the surface of the ground with corners at `pixels` (K, 2)."""
     import cv2
 

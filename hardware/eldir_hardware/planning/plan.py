@@ -47,7 +47,7 @@ MAX_PERIOD_S = 120.0
 """Longest period of a gait that is searched [s]."""
 _OVERSHOOT = 2.0  # above Af when heated and below Mf when cooled, so that the transformation is complete [K]
 _DT = 0.05
-_PERIOD_FACTORS = (1.0, 1.25, 1.5)  # longer periods to try
+_PERIOD_FACTORS = (1.0, 1.25, 1.5, 1.75, 2.0)  # longer periods to try
 _MAX_COOLING = 300.0  # longest simulated cooling [s]
 _SAMPLE_INTERVAL = 0.5  # between two values in the schedule file [s]
 
@@ -134,7 +134,7 @@ def heating_limits(rig: Rig) -> HeatingLimits:
     def timing(springs: SpringParameters, motors: int) -> tuple[float, float]:
         return find_timing(springs, rig, motors)
 
-    return HeatingLimits(rig.spring_parameters(), allowed, timing)
+    return HeatingLimits(rig.spring_parameters(), allowed, timing, rig.spring_tolerances())
 
 
 def _require_quick_springs(limits: HeatingLimits, motors: int) -> None:

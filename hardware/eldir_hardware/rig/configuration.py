@@ -20,7 +20,10 @@ from eldir.core.arguments import require_value
 from eldir.core.files import read_file
 from eldir.core.validation import Section, validate
 from eldir.errors import InputError
+from eldir.parameters.printed import BuiltParameters
+from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters, wire_heat_transfer_coefficient
+from eldir.parameters.tolerances import RigTolerances
 from eldir.parameters.wiring import Connection
 from eldir_hardware.current_sensor import CHIPS
 from eldir_hardware.markers.registration import DEFAULT_KIND, require_kind
@@ -190,6 +193,11 @@ class Rig(Section):
                 return entry.channel
         return None
 
+    def spring_tolerances(self) -> RigTolerances:
+        """How far all springs together may be from `spring_parameters`."""
+        t = self.tolerances
+        return RigTolerances(t.current, t.convection_tolerance, t.ambient_min_c, t.ambient_max_c)
+
     def spring_parameters(self, *, fan: bool | None = None) -> SpringParameters:
         """The nominal springs on this supply. A missing resistance is computed from the wire.
 
@@ -218,6 +226,13 @@ class Rig(Section):
             martensite_finish=s.martensite_finish_c,
         )
         return parameters if s.resistance_ohm is None else parameters.with_resistance(s.resistance_ohm)
+
+    def nominal_robot(self) -> RobotParameters:
+        """The nominal robot on this rig: with hubs, but with pins where the engine moves a virtual one, which
+        has them."""
+        pinned = self.kind == "virtual" and self.virtual.physics == "eldir"
+        printed = BuiltParameters() if pinned else BuiltParameters().with_hubs()
+        return RobotParameters(printed, self.spring_parameters())
 
     @property
     def source(self) -> bytes:

@@ -12,11 +12,13 @@ from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from eldir.core.validation import Section
 from eldir.errors import InputError
+from eldir.parameters.tolerances import RigTolerances
 from eldir_hardware.current_sensor import CHIPS
 from eldir_hardware.relay.registration import get_board
 from eldir_hardware.rig._board_hints import find_port_problem
 from eldir_hardware.rig.addresses import is_camera
 
+_KIT = RigTolerances()
 _MIN_RESISTIVITY, _MAX_RESISTIVITY = 0.4e-6, 1.3e-6  # of Nitinol [Ohm m]
 # Published: 0.44e-6 (table II of PMC5687518), 0.8e-6 to 1.0e-6 (Dynalloy's sheet F1140).
 THERMAL = ("heat_capacity", "latent_heat", "convection_fan", "convection_still")
@@ -85,7 +87,7 @@ class SupplyEntry(Section):
     """Voltage of the heating supply [V]."""
     current_limit_a: Annotated[float, Field(ge=0.05, le=50)] | None = None
     """Current limit of each output [A]; without it the rig does not arm. With the fan and a timer of 6.3 s,
-    springs of 0.75 mm wire allow 3.45 A."""
+    springs of 0.75 mm wire allow 3.6 A in periods of 30 s."""
     outputs: Literal["each", "shared"] = "each"
     """each: a limited output for every channel; shared: one limited output for all heated springs."""
     max_total_current_a: Annotated[float, Field(ge=0.05, le=500)]
@@ -173,13 +175,13 @@ class SpringEntry(Section):
 class ToleranceEntry(Section):
     """Tolerances of the bench around the measured values in this file."""
 
-    current: Annotated[float, Field(ge=0.01, le=0.5)] = 0.05
+    current: Annotated[float, Field(ge=0.01, le=0.5)] = _KIT.current
     """Relative tolerance of the current through a spring."""
-    ambient_min_c: Annotated[float, Field(ge=-20, le=45)] = 18.0
+    ambient_min_c: Annotated[float, Field(ge=-20, le=45)] = _KIT.ambient_min
     """Lowest temperature of the air [C]."""
-    ambient_max_c: Annotated[float, Field(ge=-20, le=60)] = 30.0
+    ambient_max_c: Annotated[float, Field(ge=-20, le=60)] = _KIT.ambient_max
     """Highest temperature of the air [C]."""
-    convection_tolerance: Annotated[float, Field(ge=0.02, le=0.9)] = 0.1
+    convection_tolerance: Annotated[float, Field(ge=0.02, le=0.9)] = _KIT.convection
     """Relative tolerance of a measured heat transfer coefficient; 0.1 is a fifth of the air's speed."""
 
 

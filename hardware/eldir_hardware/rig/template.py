@@ -18,10 +18,11 @@ from eldir_hardware.rig.configuration import Rig
 
 MOTORS = 2
 """A robot that can be built has one or two (docs/reference/packet.md)."""
-CURRENT_LIMIT_A = 3.45
+CURRENT_LIMIT_A = 3.6
 """What a rig like the virtual one may have, rounded down to a twentieth: with it, springs of 0.75 mm wire
-with the fan, pulses of 6 s and a cut-off of 6.3 s stay below the temperature limit in the worst corner of the
-tolerances (decision 31). Springs of which no rig is known, `SpringParameters`, have 4 A instead."""
+with the fan, pulses of 6 s in periods of 30 s and a cut-off of 6.3 s stay below the temperature limit in the
+worst corner of the tolerances (decisions 31 and 58). Springs of which no rig is known, `SpringParameters`,
+have 4 A instead."""
 _HEAD = """\
 # A rig for eldir. Read docs/safety.md before you connect heat.
 # The comment above each entry explains it; a line "# entry: value" is an example that you may uncomment.

@@ -60,7 +60,8 @@ class VirtualRig:
     """
 
     def __init__(self, rig: Rig, body: DrivenBody, springs: SpringParameters | None = None):
-        """`springs`: mean of the rig's springs, which deviate by the seed; default: the nominal ones."""
+        """`springs`: those that the rig should have, by default the nominal ones. All together deviate by the
+        seed within the rig's tolerances, and each by itself."""
         if rig.kind != "virtual":
             raise InputError(
                 "this is not a virtual rig", code="rig.real", expected="kind: virtual", found=rig.kind
@@ -79,11 +80,11 @@ class VirtualRig:
         self._closed = threading.Event()
         self._failure: Exception | None = None
         self._watchers: list[threading.Thread] = []
-        nominal = springs or rig.spring_parameters()
+        common = rig.spring_tolerances().perturb_by_seed(springs or rig.spring_parameters(), rig.virtual.seed)
         deviations = np.random.default_rng([rig.virtual.seed, 3])
         self.springs = ThermalSprings(
             [c.channel for c in rig.channels],
-            [nominal.perturb(deviations) for _ in rig.channels],
+            [common.perturb(deviations) for _ in rig.channels],
             self.clock.now(),
             rig.cutoff_s,
         )

@@ -17,10 +17,11 @@ from eldir.trajectory import Trajectory
 from eldir_hardware.camera.plane import Image, Plane, TagBoard
 from eldir_hardware.camera.plane_fit import calibrate_plane
 from eldir_hardware.camera.tags import DriftMonitor
-from eldir_hardware.images.video import GROUND_COLOUR
+from eldir_hardware.images.video import draw_ground
 from eldir_hardware.log.reader import RunLog
 from eldir_hardware.markers.registration import DEFAULT_KIND, PALETTE, load_kind, nominal_bgr
 from eldir_hardware.markers.tracker import MarkerTracker
+from eldir_hardware.vision.printed_ground import PrintedGround
 from eldir_hardware.vision.recording_setup import (
     CALIBRATION_FRAMES,
     find_recorded_plane,
@@ -152,7 +153,7 @@ def draw_overlay(
         position = plane.to_pixels(np.array([tenth / 10, -0.02]))
         _write_text(picture, f"{tenth / 10:.1f} m", position, 0.5)
     if ground is not None:
-        line(ground, GROUND_COLOUR, 2)
+        draw_ground(picture, _to_zoomed(plane.to_pixels(ground)))
     ends: list[tuple[str, FloatArray]] = []
     for k, name in enumerate(trajectory.names):
         path = trajectory.positions[:, k]
@@ -237,10 +238,11 @@ class LiveTracker:
         plane: Plane | None = None,
         layout: FloatArray | None = None,
         marker: str = DEFAULT_KIND,
+        printed_ground: PrintedGround | None = None,
     ):
         """`board`: places of the reference tags. `plane`: a calibrated plane, which needs no tags.
         `layout` (K, 2) [m]: where the design has the markers; it also says how many there are.
-        `marker`: the kind of marker."""
+        `marker`: the kind of marker. `printed_ground`: the ground under the robot; None: a table."""
         self._kind = load_kind(marker)
         self.names: tuple[str, ...] = tuple(PALETTE)[: None if layout is None else len(layout)]
         self._board = board
@@ -249,6 +251,10 @@ class LiveTracker:
         self._tracker: MarkerTracker[Any] | None = None
         self._buffer: list[tuple[int, Image]] = []
         self._origin_ns: int | None = None
+        self._printed_ground, self._is_run = printed_ground, False
+        self.ground: FloatArray | None = None
+        """Corners of the surface of the printed ground in the plane of motion [m], shape (P, 2); None on a
+        table, and while it is not known where the ground lies."""
 
     @property
     def plane(self) -> Plane | None:
@@ -271,11 +277,12 @@ class LiveTracker:
     def reset(self, origin_ns: int | None = None) -> None:
         """Forget the pictures so far, as at the start of a run: tags, design and a given plane stay.
 
-        The tracker counts its time from `origin_ns` [ns], or else from the first picture to come.
+        The tracker counts its time from `origin_ns` [ns], or else from the first picture to come; without a
+        start the ground is not looked for.
         """
-        self._tracker = None
+        self._tracker = self.ground = None
         self._buffer.clear()
-        self._origin_ns = origin_ns
+        self._origin_ns, self._is_run = origin_ns, origin_ns is not None
 
     def update(self, stamp_ns: int, image: Image) -> list[tuple[int, FloatArray, Image]]:
         """Stamp [ns], positions (K, 2) [m] of the markers and picture, of each picture tracked by this call.
@@ -307,7 +314,14 @@ class LiveTracker:
     def _track_buffer(self, tracker: MarkerTracker[Any]) -> list[tuple[int, FloatArray, Image]]:
         pictures, self._buffer = self._buffer, []
         origin = self._origin_ns = pictures[0][0] if self._origin_ns is None else self._origin_ns
-        return [(at, tracker.update(image, 1e-9 * (at - origin)), image) for at, image in pictures]
+        tracks = []
+        for at, image in pictures:
+            t = 1e-9 * (at - origin)
+            positions = tracker.update(image, t)
+            if self._is_run and self._printed_ground is not None and self.ground is None:
+                self.ground = self._printed_ground.in_plane(np.array([t]), positions[None])
+            tracks.append((at, positions, image))
+        return tracks
 
 
 class LiveOverlay:
@@ -326,8 +340,9 @@ class LiveOverlay:
         """Whether the last drawing is at least `period` [s] old at `t` [s]."""
         return t - self._last_drawing >= period
 
-    def draw(self, image: Image, plane: Plane) -> bytes:
-        """PNG of the picture with the paths of the markers."""
+    def draw(self, image: Image, plane: Plane, ground: FloatArray | None = None) -> bytes:
+        """PNG of the picture with the paths of the markers, and the ground as in `draw_overlay`."""
         times, positions = zip(*self._trail, strict=True)
         self._last_drawing = times[-1]
-        return draw_overlay(image, plane, Trajectory(self._names, np.array(times), np.array(positions)))
+        path = Trajectory(self._names, np.array(times), np.array(positions))
+        return draw_overlay(image, plane, path, ground)

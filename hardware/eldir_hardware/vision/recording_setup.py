@@ -82,10 +82,15 @@ def _is_unmoved(source: Source, plane: Plane) -> bool:
     return True
 
 
+def read_attached_design(source: Source) -> Design | None:
+    """The design that is attached to a log; None without."""
+    return read_attachment(source.attachments, source.name, "design.json", Design.from_json)
+
+
 def read_attached_layout(source: Source) -> FloatArray | None:
     """Places of the markers in the design that is attached to a log, shape (K, 2) [m]; None without
     design."""
-    design = read_attachment(source.attachments, source.name, "design.json", Design.from_json)
+    design = read_attached_design(source)
     return None if design is None else marker_layout(design)
 
 

@@ -131,6 +131,37 @@ def test_a_ground_that_no_plate_holds_is_refused() -> None:
         make_ground(GROUNDS["level"], BODY, 36.0, CLEARANCE, flat)
 
 
+def ridge(width: float) -> Terrain:
+    """Level, with a ridge 20 mm high and this wide at its base and half as wide at its top [m], at 50 mm."""
+    x = 0.05 + width * np.array([0.0, 0.25, 0.75, 1.0])
+    slope = 0.02 / (0.25 * width)
+    slopes = np.array([0.0, slope, 0.0, -slope, 0.0])
+    heights = np.array([0.0, 0.0, 0.02, 0.02, 0.0])
+    x0 = np.array([-1.0, *x])
+    return Terrain(x0, slopes, heights - slopes * x0)
+
+
+@pytest.mark.parametrize(
+    ("width", "is_thin"), [(0.0004, True), (0.0008, True), (0.0016, False), (0.01, False)]
+)
+def test_a_ridge_thinner_than_the_printer_s_walls_is_refused(width: float, is_thin: bool) -> None:
+    """0.6 mm is the printer's thinnest wall; a ridge is half to whole as thick as its base is wide."""
+    if not is_thin:
+        assert ground_of(ridge(width)).pieces
+        return
+    with raises(EldirError, "ground.too-thin", match="piece [12] of the ground") as error:
+        ground_of(ridge(width))
+    assert "x = 50 mm" in str(error.value) and "at least 0.6 mm" in str(error.value)
+    thickness = float(str(error.value).split("found ")[1].split(" mm")[0])
+    assert 0.5e3 * width < thickness < 1e3 * width
+
+
+def test_a_printer_that_prints_no_wall_of_the_pieces_is_told() -> None:
+    coarse = PRINTER.model_copy(update={"minimum": PRINTER.minimum.model_copy(update={"wall": 3.0})})
+    with raises(EldirError, "ground.too-thin", match="piece 1"):
+        make_ground(GROUNDS["level"], BODY, 36.0, CLEARANCE, coarse)
+
+
 def test_the_mesh_in_the_file_is_the_piece() -> None:
     piece = ground_of(GROUNDS["level"]).pieces[0]
     again = trimesh.load(trimesh.util.wrap_as_stream(stl(piece.part.mesh)), file_type="stl")

@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 
-from eldir.built.gait import DUTY, PERIOD, SETTLE, Gait
+from eldir.built.gait import SETTLE, Gait
 from eldir.built.robot import build
 from eldir.design import marked_masses
 from eldir.genotype import Genotype
@@ -27,7 +27,7 @@ QUICK = replace(DEFAULT_CONFIG, starts=2, refinement_stages=((1, 3),), rounds=(4
 """Few starting points and rounds: enough where the hidden robot is near and its parameters are few."""
 CELLS = ((3, 1), (3, 2), (3, 3), (3, 5), (4, 2), (4, 3), (4, 4), (4, 5), (5, 4))
 MOTORS = (1, 3), (5, 6)
-PHASE = 0.875
+PHASE, PERIOD, DUTY = 0.875, 20.0, 0.3
 
 
 @cache

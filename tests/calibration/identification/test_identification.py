@@ -233,4 +233,5 @@ def true_robot(design: Design, rig: Rig) -> RobotParameters:
     far = sample_large_spread(RobotParameters(springs=rig.spring_parameters()), seed)
     straight = build(design.morphology, far)
     robot = build(design.morphology, far.printed, rng=np.random.default_rng([seed, 2]))
-    return replace(far, strips=robot.rest_lengths - straight.rest_lengths)
+    springs = rig.spring_tolerances().perturb_by_seed(far.springs, seed)
+    return replace(far, springs=springs, strips=robot.rest_lengths - straight.rest_lengths)

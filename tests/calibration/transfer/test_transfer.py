@@ -20,6 +20,7 @@ from eldir.design import Design
 from eldir.errors import EldirError, InputError, MissingDependencyError
 from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
+from eldir.parameters.tolerances import RigTolerances
 from eldir_app.application import application
 from eldir_cad.multibody.model import Coil
 from eldir_calibration.transfer import compared_walks
@@ -239,17 +240,24 @@ def test_a_gait_comes_from_the_file_or_from_all_phases(tmp_path: Path) -> None:
 def test_every_robot_of_every_gait_is_driven_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """Gaits of a design have the same robots, designs have others; springs come from the settings."""
     springs = replace(SpringParameters(), supply_voltage=5.0)
-    settings = TransferConfig(samples=3, cycles=1, phases=2, seed=10, springs=springs)
+    tolerances = RigTolerances(current=0.02)
+    settings = TransferConfig(3, 1, 2, 10, springs, tolerances)
     driven: list[tuple[str, tuple[float, ...], int]] = []
 
     def predicted(robots: NominalRobots, gaits: list[Gait], n: int, seed: int) -> list[SampledWalks]:
-        assert (n, seed, robots.robot.springs) == (3, 10, springs)
+        assert (n, seed, robots.robot.springs, robots.tolerances) == (3, 10, springs, tolerances)
         return [SampledWalks(np.full(n, 0.1 * k)) for k in range(len(gaits))]
 
     def drawn(
-        design: Design, gait: Gait, seed: int, own: SpringParameters, cycles: int, ended: Event
+        design: Design,
+        gait: Gait,
+        seed: int,
+        nominal: SpringParameters,
+        allowed: RigTolerances,
+        cycles: int,
+        ended: Event,
     ) -> MujocoWalk:
-        assert own is springs and cycles == 1 and not ended.is_set()
+        assert nominal is springs and allowed is tolerances and cycles == 1 and not ended.is_set()
         driven.append((design.provenance["name"], tuple(gait.phase), seed))
         return MujocoWalk(-np.inf, "folds") if seed == 12 else MujocoWalk(float(seed))
 

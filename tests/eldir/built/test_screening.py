@@ -102,7 +102,7 @@ def test_opening_of_a_triangle_that_folds() -> None:
 
 
 def test_gaits_to_try() -> None:
-    assert len(candidate_gaits(1)) == 1 and len(candidate_gaits(2)) == 8 and len(candidate_gaits(3, 4)) == 16
+    assert len(candidate_gaits(1)) == 1 and len(candidate_gaits(2)) == 12 and len(candidate_gaits(3, 4)) == 16
     phases = np.array([g.phase for g in candidate_gaits(3, 4)])
     assert (phases[:, 0] == 0).all() and len(np.unique(phases, axis=0)) == 16
 

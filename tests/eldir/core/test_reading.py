@@ -200,7 +200,7 @@ WRONG_RIGS = {
     "voltage_v: 11": ("voltage_v: true", "invalid supply.voltage_v; expected a valid number; found True"),
     "channels: 4": ("channels: true", "invalid board.channels; expected a valid integer; found True"),
     "channel: 2,": ("channel: yes,", "invalid channels.1.channel"),
-    "current_limit_a: 3.45": (
+    "current_limit_a: 3.6": (
         "current_limit_a: off",
         "invalid supply.current_limit_a; expected a valid number",
     ),

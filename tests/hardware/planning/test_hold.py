@@ -133,7 +133,7 @@ def test_a_user_holds_the_springs_of_a_virtual_rig(tmp_path: Path):
     files = [tmp_path / "design.json", "--rig", tmp_path / "rig.yaml", "--out", tmp_path / "hold.json"]
     made = run("hold", *files, "--power", "0.3", "--seconds", "20")
     assert made.exit_code == 0, made.output
-    assert "springs are held at 38 to 43 C and 0% of their stroke; at most 57 C" in made.output
+    assert "springs are held at 39 to 45 C and 0% of their stroke; at most 59 C" in made.output
     assert "pulses of 0.5 s every 1.67 s, 12 times" in made.output
     driven = run("drive", tmp_path / "hold.json", *files[1:3], "--log", tmp_path / "log.mcap")
     assert driven.exit_code == 0, driven.output

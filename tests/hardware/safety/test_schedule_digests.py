@@ -22,7 +22,7 @@ from eldir_hardware.log.reader import read_log
 from eldir_hardware.planning.compiler import compile_schedule
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.supply import LimitError
-from eldir_hardware.rig.template import real_rig, virtual_rig
+from eldir_hardware.rig.template import real_rig
 from eldir_hardware.run.drive import DriveConfig, drive_rig
 from eldir_hardware.safety.compatibility import (
     MismatchError,
@@ -35,12 +35,12 @@ from eldir_hardware.safety.compatibility import (
 from eldir_hardware.safety.limits import check_schedule
 from eldir_hardware.schedule import MAX_EVENTS, MAX_PERIOD, ActuationSchedule, Event
 from tests.eldir.random_design import make_design
-from tests.hardware.rigs_and_schedules import RIG, SCHEDULE, gait, rig_with
+from tests.hardware.rigs_and_schedules import RIG, SCHEDULE, gait, rig_text, rig_with
 from tests.paths import ROOT
 from tests.processor_time import in_units
 from tests.raised import raises
 
-NO_CAMERA = virtual_rig().replace("camera:", "# camera:")
+NO_CAMERA = rig_text().replace("camera:", "# camera:")
 
 
 @pytest.fixture(scope="module")
@@ -140,13 +140,13 @@ def test_the_order_of_entries_in_the_file_does_not_matter(made, tmp_path):
 
 def test_what_does_not_heat_does_not_matter(tmp_path):
     """Port, board, camera, name, comments, and entries that say their default."""
-    text = virtual_rig(seed=99).replace("rate_hz: 10", "rate_hz: 20").replace("virtual bench", "other")
+    text = rig_text(seed=99).replace("rate_hz: 10", "rate_hz: 20").replace("virtual bench", "other")
     (tmp_path / "rig.yaml").write_text(
         "# a comment\n" + text.replace("ambient_c: 22", "ambient_c: 22.0, turns: 26.7")
     )
     assert rig_digests(Rig.load(tmp_path / "rig.yaml")) == rig_digests(RIG)
     values = yaml.safe_load(real_rig("gd32", "/dev/ttyUSB3"))
-    values |= {name: yaml.safe_load(virtual_rig())[name] for name in ("supply", "springs", "fan", "cutoff")}
+    values |= {name: yaml.safe_load(rig_text())[name] for name in ("supply", "springs", "fan", "cutoff")}
     assert rig_digests(Rig.from_json(values)) == rig_digests(RIG)
 
 

@@ -18,6 +18,7 @@ from eldir.lattice import Lattice
 from eldir.morphology import Morphology, develop
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.springs import SpringParameters
+from eldir.parameters.tolerances import RigTolerances
 from eldir.terrain import Terrain
 from eldir_cad.kit.printer import fit_to_printer, load_printer
 from eldir_cad.kit.specification import load_specification
@@ -128,7 +129,7 @@ def test_a_walk_in_mujoco_is_on_the_ground_of_its_design() -> None:
     """A cold robot stands still on the table, and turns over on a slope of 42 degrees."""
     design = drawn_design(*WHEEL)
     cold = Gait(3.0, np.zeros(1), np.array([0.01]))
-    given = cold, 3, SpringParameters(), 1
+    given = cold, 3, SpringParameters(), RigTolerances(), 1
     table = walk_sampled_robot(design, *given)
     slope = walk_sampled_robot(replace(design, printed_terrain=plane(-0.9)), *given)
     assert table.fault == "" and abs(table.displacement) < 0.05

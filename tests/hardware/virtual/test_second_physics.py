@@ -19,6 +19,7 @@ from eldir.morphology import Morphology, develop
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.springs import SpringParameters
 from eldir_cad.kit.specification import load_specification
+from eldir_cad.multibody.hubs import hub_name
 from eldir_cad.multibody.mjcf import mjcf_text
 from eldir_cad.multibody.model import Coil, Multibody, Numerics
 from eldir_hardware.virtual.bodies import EngineBody
@@ -61,6 +62,37 @@ def test_a_block_slides_as_far_as_coulomb_says(friction: float, backward: float,
     after = rest(motion, 0.7)[0, 0]
     expected = speed / (2 * friction * (backward if speed < 0 else 1.0) * 9.81)
     assert after - before == pytest.approx(expected, rel=3e-3)
+
+
+def test_friction_is_that_of_the_way_in_which_the_lowest_points_move() -> None:
+    """Hubs that spin: in many of them the lowest point moves otherwise than the centre. That is read
+    from MuJoCo's poses before and after a short time."""
+    motion = MujocoMotion(
+        sample_multibody(BODY, 4, built=BuiltParameters(backward_friction=2.5).with_hubs()), FREE
+    )
+    model, data, hubs = motion.model, motion.data, len(motion.positions)
+    feet = [model.geom(f"{hub_name(i)}_foot").id for i in range(hubs)]
+    bodies = model.geom_bodyid[feet]
+    grip, corner = model.geom_friction[feet, 0].copy(), BuiltParameters().with_hubs().corner
+    rng, against = np.random.default_rng(1), 0
+    for _ in range(5):
+        mujoco.mj_resetData(model, data)
+        data.qvel[:] = rng.normal(0.0, np.tile([0.1, 0.1, 20.0], hubs))
+        mujoco.mj_kinematics(model, data)
+        lowest = data.xpos[bodies] - [0.0, 0.0, corner]
+        own = np.einsum("hij,hi->hj", data.xmat[bodies].reshape(-1, 3, 3), lowest - data.xpos[bodies])
+        later = mujoco.MjData(model)
+        later.qpos[:] = data.qpos
+        mujoco.mj_integratePos(model, later.qpos, data.qvel, 1e-6)
+        mujoco.mj_kinematics(model, later)
+        moved = (
+            later.xpos[bodies] + np.einsum("hij,hj->hi", later.xmat[bodies].reshape(-1, 3, 3), own) - lowest
+        )
+        against += int((moved[:, 0] * data.qvel[::3] < 0).sum())
+        motion.follow(np.full((2, model.nu), FREE[0]), model.opt.timestep)
+        factor = np.where(moved[:, 0] < 0, 2.5, 1.0)
+        assert model.geom_friction[feet, 0] == pytest.approx(factor * grip)
+    assert against > hubs
 
 
 def walks_in_both(body: Morphology, backward: float) -> tuple[float, float]:

@@ -95,7 +95,8 @@ def test_springs_are_heated_by_the_contacts(played):
 
 def test_modelled_temperatures_are_near_but_not_the_true_ones(played):
     _, virtual, notes, _ = played
-    assert abs(notes.played.peak_c - virtual.springs.max_temperature_c) < 6
+    # The rig is within its tolerances; springs that have transformed get hot fast.
+    assert abs(notes.played.peak_c - virtual.springs.max_temperature_c) < 20
     assert notes.played.peak_c != pytest.approx(virtual.springs.max_temperature_c, abs=1e-3)
     assert virtual.springs.max_temperature_c < 90
     model = np.array([t for _, t in notes.temperatures])
@@ -178,15 +179,30 @@ def test_a_fault_while_heating_ends_with_everything_off(fault, error):
 
 
 def test_no_specimen_passes_the_ceiling_even_with_a_welded_contact():
-    """Full pulses of the longest length, then one held until the cut-off acts, for 300 sets of springs."""
+    """Full pulses of the longest length, then one held until the cut-off acts, for springs of 300 rigs."""
     rig, rng = rig_with(), np.random.default_rng(2)
-    specimens = [rig.spring_parameters().perturb(rng) for _ in range(300)]
+    nominal, tolerances = rig.spring_parameters(), rig.spring_tolerances()
+    specimens = [tolerances.perturb(nominal, rng).perturb(rng) for _ in range(300)]
     steps = round(20 / STEP)
     times = np.tile(np.arange(steps) * STEP, 3)
     on = times < rig.limits.max_on_s - 1e-9
     on[-steps:] = times[-steps:] < rig.cutoff.max_on_s
     peak = heat(on[:, None].repeat(300, axis=1), STEP, specimens).temperature.max()
-    assert 60 < peak < rig.limits.max_temperature_c - 20, "air and current are nominal here"
+    assert 70 < peak < rig.limits.max_temperature_c
+
+
+def test_the_springs_of_a_rig_have_the_errors_of_its_seed_in_common():
+    """Own deviations are at most 2 K and 8 % about what the rig of the seed has in common."""
+    rig = rig_with()
+    for seed in (1, 2, 3):
+        other = rig.model_copy(update={"virtual": rig.virtual.model_copy(update={"seed": seed})})
+        common = rig.spring_tolerances().perturb_by_seed(rig.spring_parameters(), seed)
+        springs = VirtualRig(other, Piston()).springs.parameters
+        assert {(s.current_limit, s.ambient) for s in springs} == {(common.current_limit, common.ambient)}
+        assert common.current_limit != rig.spring_parameters().current_limit
+        for spring in springs:
+            assert abs(spring.austenite_finish - common.austenite_finish) <= 2.0
+            assert abs(spring.convection_fan / common.convection_fan - 1) <= 0.08 + 1e-12
 
 
 def test_an_unplugged_board_is_told_at_once():

@@ -91,7 +91,7 @@ function paint() {
   }
   draw($("curves"), run, now, from, to);
   if (shown) {
-    drawPicture($("picture"), shown.image, shown.t, run.marks);
+    drawPicture($("picture"), shown.image, shown.t, run.marks, run.ground);
     $("picture-note").textContent = `at ${shown.t.toFixed(1)} s`;
   } else $("picture-note").textContent = run.rig ? "none" : "";
   $("picture").hidden = !shown;

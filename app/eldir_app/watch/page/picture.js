@@ -1,4 +1,4 @@
-// The camera's picture, with the marks and their paths.
+// The camera's picture, with the printed ground, the marks and their paths.
 
 import { at } from "/curves.js";
 
@@ -6,13 +6,23 @@ const MARKS = ["#d62828", "#ebc814", "#1ea03c", "#1e5ad2", "#be28be"]; // as on 
 const TRAIL = 300; // positions of each mark
 const SAME = 0.35; // marks of another instant are not drawn on a picture [s]
 
-export function drawPicture(canvas, image, t, rows) {
+function drawGround(pen, ground) {
+  pen.lineJoin = "round";
+  pen.lineWidth = 2;
+  pen.strokeStyle = ground.colour;
+  pen.beginPath();
+  for (const corner of ground.corners) pen.lineTo(...corner);
+  pen.stroke();
+}
+
+export function drawPicture(canvas, image, t, rows, ground) {
   if (canvas.width !== image.width || canvas.height !== image.height) {
     canvas.width = image.width;
     canvas.height = image.height;
   }
   const pen = canvas.getContext("2d");
   pen.drawImage(image, 0, 0);
+  if (ground) drawGround(pen, ground);
   const end = at(rows, t + 0.01);
   if (!end) return;
   const trail = rows.slice(Math.max(end - TRAIL, 0), end), latest = rows[end - 1];

@@ -17,13 +17,16 @@ from eldir.core.files import parse_json
 from eldir.core.records import FloatArray
 from eldir.design import Design
 from eldir_hardware.camera.plane import Plane, TagBoard, estimate_camera_pose
+from eldir_hardware.log.reader import read_attachment
 from eldir_hardware.markers.registration import DEFAULT_KIND
+from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.vision.pipeline import LiveOverlay, LiveTracker
+from eldir_hardware.vision.printed_ground import predict_ground
 from eldir_hardware.vision.recording_setup import (
     find_recorded_plane,
     marker_layout,
     read_attached_board,
-    read_attached_layout,
+    read_attached_design,
     read_marker_kind,
 )
 from eldir_hardware.vision.sources import LoggedFrames, open_source
@@ -90,20 +93,23 @@ class MassTrackerNode(RigNode):
         log, tags, plane = (find_file(self, name) for name in ("log", "tags", "plane"))
         board: TagBoard | None = None
         marker = str(get_value(self, "marker"))
-        layout: FloatArray | None
+        rig: Rig | None = None
         fixed_plane = None if plane is None else Plane.load(plane)
         if log is not None:
             source = open_source(log)
-            layout, board = read_attached_layout(source), read_attached_board(source)
+            design, board = read_attached_design(source), read_attached_board(source)
+            rig = read_attachment(source.attachments, source.name, "rig.yaml", Rig.from_json)
             marker = marker or read_marker_kind(source.attachments, source.name)
             if plane is None and "plane.json" in source.attachments:  # as `eldir track` tracks this log
                 fixed_plane = find_recorded_plane(source)
             if isinstance(source, LoggedFrames):
                 self._start_ns = source.log.epoch_ns
         else:
-            layout = marker_layout(Design.load(get_file(self, "design")))
+            design = Design.load(get_file(self, "design"))
         board = board if tags is None else TagBoard.load(tags)
-        self._tracker = LiveTracker(board, fixed_plane, layout, marker or DEFAULT_KIND)
+        layout = None if design is None else marker_layout(design)
+        ground = None if design is None else predict_ground(design, rig)
+        self._tracker = LiveTracker(board, fixed_plane, layout, marker or DEFAULT_KIND, ground)
         if self._received_board is not None:
             self._tracker.set_board(self._received_board)
         for name in set(self._tracker.names) - set(self._points):
@@ -174,7 +180,7 @@ class MassTrackerNode(RigNode):
         self._overlay.add(t, positions)
         due = self._overlay.is_due(t, get_value(self, "overlay_period"))
         if due and tracker.plane is not None and self._overlays.get_subscription_count():
-            drawing = self._overlay.draw(picture, tracker.plane)
+            drawing = self._overlay.draw(picture, tracker.plane, tracker.ground)
             self._overlays.publish(pictures.compressed_of(new_message, stamp, drawing, "png", self._camera))
 
 

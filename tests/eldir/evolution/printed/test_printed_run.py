@@ -66,7 +66,7 @@ TINY = [
     "--static-margin",
     "0",
     "--seed",
-    "4",
+    "2",
 ]
 
 

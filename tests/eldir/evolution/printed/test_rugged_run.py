@@ -28,8 +28,10 @@ from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
 from eldir.terrain import Terrain, TerrainFile
 from eldir_app.application import application
-from eldir_cad.shortlist.ranking import rank
+from eldir_cad.shortlist.folder import RankingRow, draw_designs
+from eldir_cad.shortlist.ranking import RankedDesign, rank
 from tests.eldir.built.grounds import plane
+from tests.eldir.built.robots_alike import NO_ERRORS
 from tests.eldir.evolution.printed.small_searches import BODY, GAIT, SMALL
 from tests.raised import raises
 
@@ -96,7 +98,7 @@ def test_its_designs_know_their_ground(run: Path, tmp_path: Path) -> None:
 
 def test_gaits_are_searched_and_predicted_on_it(run: Path) -> None:
     design = load_run(run)[0]
-    rig = HeatingLimits(SpringParameters(), lambda gait: True, lambda springs, motors: (20.0, 0.3))
+    rig = HeatingLimits(SpringParameters(), lambda gait: True, lambda springs, motors: (20.0, 0.3), NO_ERRORS)
     gait = read_gait(design)
     assert gait is not None
     here, table = nominal_robots(design, rig), nominal_robots(replace(design, printed_terrain=None), rig)
@@ -117,8 +119,24 @@ def test_a_shortlist_ranks_walks_on_it(run: Path) -> None:
     assert there.design.printed_terrain == design.printed_terrain
     assert there.screened.best != table.screened.best
     assert not np.array_equal(there.spread.displacement, table.spread.displacement)
+    assert (drawn_rise(there), drawn_rise(table)) == (pytest.approx(rise(there)), 0.0)
     with raises(InputError, "input.wrong-value", "designs", match="printed_terrain"):
         rank([design, replace(design, printed_terrain=None)])
+
+
+def drawn_rise(candidate: RankedDesign) -> float:
+    """Difference of height along the line under the robot in the shortlist's picture [m]."""
+    figure = draw_designs([candidate], [RankingRow.of("design_01.json", candidate)])
+    _, _, _, surface = figure.axes[0].lines
+    return float(np.ptp(surface.get_data()[1]))
+
+
+def rise(candidate: RankedDesign) -> float:
+    """The same of the terrain, 5 % of the robot's length to both sides of it [m]."""
+    x, terrain = build(candidate.design.morphology).positions[:, 0], candidate.design.printed_terrain
+    assert terrain is not None
+    beside = 0.05 * np.ptp(x)
+    return float(np.ptp(terrain.outline(x.min() - beside, x.max() + beside)[:, 1]))
 
 
 def test_a_terrain_file_is_taken_by_both_objectives(tmp_path: Path) -> None:
