@@ -27,7 +27,7 @@ from tests.paths import ROOT, SCHEMAS
 
 pytestmark = [pytest.mark.slow(120), pytest.mark.timeout(3600)]
 
-SEED, SAMPLES, CYCLES = 4, 2, 1
+SEED, SAMPLES, CYCLES = 2, 2, 1
 CIRCLE = f"""
 import pickle
 from pathlib import Path

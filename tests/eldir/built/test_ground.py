@@ -147,7 +147,7 @@ def test_ground_never_gives_energy(ground: Terrain) -> None:
 def test_twin_moves_the_same(joints: str, ground: Terrain) -> None:
     p = replace(KINDS[joints], backward_friction=1.5, socket_turn=0.03 * (joints == "hubs"), tilt=0.05)
     robot = build(bodies(1, 2)[0], p)
-    interval, instants = 0.003, 4
+    interval, instants = 0.003, 3
     step = 0.9 * stable_step(robot)
     lengths = COLD + (HOT - COLD) * np.random.default_rng(2).random((instants, int(robot.active.sum())))
     start = place(robot, ground)

@@ -142,6 +142,7 @@ def rise(candidate: RankedDesign) -> float:
 def test_a_terrain_file_is_taken_by_both_objectives(tmp_path: Path) -> None:
     """Each takes a file of the other's size here; the printed robot's own: `test_ground_circle.py`."""
     ground, scale = Terrain.rugged(np.random.default_rng(1)), BuiltParameters().scale
+    assert TerrainFile("paper", ground).lengths_of("paper", scale) == ground
     TerrainFile("paper", ground).save(tmp_path / "paper.json")
     TerrainFile("printed", ground.scaled(scale)).save(tmp_path / "printed.json")
 
