@@ -50,7 +50,7 @@ MODULES = [
     "eldir_hardware.markers.disc", "eldir_hardware.markers.discs", "eldir_hardware.markers.squares",
     "eldir_hardware.markers.sheet", "eldir_hardware.vision.sources",
     "eldir_hardware.vision.recording_setup", "eldir_hardware.vision.pipeline",
-    "eldir_hardware.vision.tracking_quality",
+    "eldir_hardware.vision.tracking_quality", "eldir_hardware.vision.printed_ground",
     "eldir_hardware.vision.whole_body", "eldir_hardware.vision.virtual_camera", "eldir_hardware.virtual.rig",
     "eldir_hardware.virtual.springs", "eldir_hardware.virtual.bodies", "eldir_hardware.virtual.mujoco_body",
     "eldir_calibration.identification.identification", "eldir_calibration.identification.spring_record",

@@ -17,8 +17,8 @@ from eldir_app.commands.rig import rig as command
 from eldir_hardware.clock import WallClock
 from eldir_hardware.emulator.board import EmulatedBoard
 from eldir_hardware.rig.devices import get_emulator
-from eldir_hardware.rig.template import virtual_rig
 from tests.forked_programs import Forked
+from tests.hardware.rigs_and_schedules import rig_text
 
 HEAT = """
 import sys, time
@@ -74,7 +74,7 @@ def rig_values(kind: str, port: str, **changes: object) -> dict[str, object]:
 
 @cache
 def _template(kind: str) -> dict:
-    values = parse_yaml(virtual_rig(board=kind).encode(), "the template")
+    values = parse_yaml(rig_text(board=kind).encode(), "the template")
     return {name: entry for name, entry in values.items() if name not in ("camera", "virtual")}
 
 

@@ -18,9 +18,9 @@ def _template() -> dict[str, object]:
     return parse_yaml(rig_text().encode(), "the template")
 
 
-def rig_text(**changes: object) -> str:
+def rig_text(*values: object, **changes: object) -> str:
     """The template's virtual rig with less current: a pulse is allowed every 20 s, and not every 30 s."""
-    return virtual_rig(**changes).replace("current_limit_a: 3.6", "current_limit_a: 3.45")
+    return virtual_rig(*values, **changes).replace("current_limit_a: 3.6", "current_limit_a: 3.45")
 
 
 def rig_with(**changes: object) -> Rig:

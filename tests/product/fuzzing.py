@@ -45,14 +45,14 @@ from eldir_hardware.log.recorder import Recorder
 from eldir_hardware.log.recover import recover_log
 from eldir_hardware.rig._board_hints import read_board_hints
 from eldir_hardware.rig.configuration import Rig
-from eldir_hardware.rig.template import real_rig, virtual_rig
+from eldir_hardware.rig.template import real_rig
 from eldir_hardware.schedule import ActuationSchedule
 from eldir_hardware.vision.sources import open_source
 from tests.eldir.evolution.printed.small_searches import SMALL
 from tests.eldir.random_design import make_design
 from tests.hardware.camera.lenses import lens_of
 from tests.hardware.log.log_contents import EPOCH, NAMES, POSITIONS, picture
-from tests.hardware.rigs_and_schedules import SCHEDULE
+from tests.hardware.rigs_and_schedules import SCHEDULE, rig_text
 from tests.paths import DATA
 
 TIME, MEMORY = 5.0, 1 << 30
@@ -178,7 +178,7 @@ FORMATS: dict[str, Format] = {
         PrintedScene.load,
         _json,
     ),
-    "virtual rig": Format(_file("rig.yaml", virtual_rig(3, "design.json")), Rig.load, _yaml),
+    "virtual rig": Format(_file("rig.yaml", rig_text(3, "design.json")), Rig.load, _yaml),
     "real rig": Format(_file("rig.yaml", real_rig("lcus", "/dev/ttyUSB0")), Rig.load, _yaml),
     "rig for rig off": Format(
         _file("rig.yaml", real_rig("modbus", "/dev/ttyUSB0")),

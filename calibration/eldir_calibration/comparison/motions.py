@@ -144,6 +144,7 @@ def _provenance(runs: Sequence[LoggedRun], plane: Plane) -> dict[str, str]:
     return {
         "log": ", ".join(run.log.path.name for run in runs),
         "rig": f"{main.rig.name} ({main.rig.kind}{main.physics_note})",
+        "measured": str(main.measured),
         "wiring": _describe_wiring(main),
         "schedule": f"{main.schedule.cycles} cycles of {main.schedule.period_s:g} s",
         "frames": ", ".join(str(run.log.frame_count) for run in runs),

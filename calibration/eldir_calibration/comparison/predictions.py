@@ -134,7 +134,7 @@ def simulate_evolved(run: RecordedRun) -> Motion:
 
 def _prepare_run(run: RecordedRun, scene: PrintedScene | None) -> _Simulation:
     body, ballast = run.design.morphology, run.design.ballast / 2
-    nominal = run.rig.nominal_robot()
+    nominal, _ = run.nominal
     whole = nominal if scene is None else scene.robot_of(run.design)
     robot = build(body, whole, ballast=ballast)
     lengths = _free_lengths(run, whole.motor_springs(body.motors), body.motor_hubs)
@@ -143,15 +143,13 @@ def _prepare_run(run: RecordedRun, scene: PrintedScene | None) -> _Simulation:
 
 
 def _prepare_samples(run: RecordedRun, scene: PrintedScene | None, count: int) -> list[_Simulation]:
-    """Samples of the robot of a run; with the schedule's seed they are those that `eldir gait` simulated."""
+    """Samples of the robot of a run; with the schedule's seed they are those that `eldir gait` simulated, but
+    for what was measured in the run."""
     design, body = run.design, run.design.morphology
     if scene is None:
+        nominal, tolerances = run.nominal
         robots: RobotDistribution = NominalRobots(
-            body,
-            run.rig.nominal_robot(),
-            design.ballast / 2,
-            design.printed_terrain,
-            run.rig.spring_tolerances(),
+            body, nominal, design.ballast / 2, design.printed_terrain, tolerances
         )
     else:
         robots = IdentifiedRobots.of(design, scene, [film.gait for film in scene.filmed_of(design)])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
@@ -14,9 +14,12 @@ from eldir.built.robot import PrintedRobot, build
 from eldir.core.records import FloatArray
 from eldir.design import Design, Variant
 from eldir.errors import InputError
+from eldir.parameters.robot import RobotParameters
+from eldir.parameters.tolerances import RigTolerances
 from eldir.trajectory import Trajectory
 from eldir_calibration.report.comparison import Motion
 from eldir_calibration.report.controls import INTACT
+from eldir_hardware.current_sensor import CHIPS
 from eldir_hardware.log.mcap_file import find_log, fingerprint
 from eldir_hardware.log.reader import RunLog, read_attachment, read_log
 from eldir_hardware.rig.configuration import Rig
@@ -24,7 +27,51 @@ from eldir_hardware.schedule import ActuationSchedule
 
 _MAX_MISSING_SHARE = 0.25
 """A cycle counts as complete where at most this part of it is missing at the end."""
+_ROOM_ERROR = 1.0
+"""How far the air may be from what was measured before the run, two standard deviations [C]: a thermometer is
+right to half a degree, and a room changes."""
+_HEATING = 0.5
+"""Part of the nominal current above which a measurement counts as that of a spring that heats."""
 T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class MeasuredConditions:
+    """What was measured of a run's heat instead of assumed."""
+
+    room_c: float | None = None
+    """Temperature of the air before the run [C]; None if it was not measured."""
+    current_a: float | None = None
+    """Mean current of the springs while they heat [A]; None without a current sensor."""
+    current_error: float = 0.0
+    """Largest relative error of that current."""
+
+    def apply(
+        self, robot: RobotParameters, tolerances: RigTolerances
+    ) -> tuple[RobotParameters, RigTolerances]:
+        """The nominal robot with what was measured, and what it leaves open."""
+        springs = robot.springs
+        if self.room_c is not None:
+            springs = replace(springs, ambient=self.room_c)
+            low, high = self.room_c - _ROOM_ERROR, self.room_c + _ROOM_ERROR
+            tolerances = replace(tolerances, ambient_min=low, ambient_max=high)
+        if self.current_a is not None:
+            ratio = self.current_a / float(springs.current(0.0))
+            springs = replace(
+                springs,
+                current_limit=springs.current_limit * ratio,
+                supply_voltage=springs.supply_voltage * ratio,
+            )
+            tolerances = replace(tolerances, current=min(tolerances.current, self.current_error))
+        return replace(robot, springs=springs), tolerances
+
+    def __str__(self) -> str:
+        found = []
+        if self.room_c is not None:
+            found.append(f"air {self.room_c:g} C")
+        if self.current_a is not None:
+            found.append(f"current {self.current_a:.2f} A (within {self.current_error:.1%})")
+        return ", ".join(found) or "neither air nor current"
 
 
 @dataclass(frozen=True)
@@ -34,6 +81,12 @@ class RecordedRun:
     design: Design
     schedule: ActuationSchedule
     rig: Rig
+    measured: MeasuredConditions = MeasuredConditions()
+
+    @property
+    def nominal(self) -> tuple[RobotParameters, RigTolerances]:
+        """The nominal robot on this rig, and how far its rig may be from it, after what was measured."""
+        return self.measured.apply(self.rig.nominal_robot(), self.rig.spring_tolerances())
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -63,7 +116,7 @@ class RecordedRun:
 class LoggedRun(RecordedRun):
     """A run, and the log of it."""
 
-    log: RunLog
+    log: RunLog = field(kw_only=True)
 
     def motion(self, trajectory: Trajectory) -> Motion:
         """The motion over the cycles that count, as many of them as the log holds completely."""
@@ -136,7 +189,22 @@ def read_run(path: Path) -> LoggedRun:
     log = read_log(path)
     design = _require_attachment(log, "design.json", Design.from_json)
     schedule = _require_attachment(log, "schedule.json", ActuationSchedule.from_json)
-    return LoggedRun(design, schedule, _require_attachment(log, "rig.yaml", Rig.from_json), log)
+    rig = _require_attachment(log, "rig.yaml", Rig.from_json)
+    return LoggedRun(design, schedule, rig, _measured_conditions(log, rig), log=log)
+
+
+def _measured_conditions(log: RunLog, rig: Rig) -> MeasuredConditions:
+    """What the log measured of the air and of the current."""
+    found = MeasuredConditions(room_c=log.room_c)
+    if rig.sensor is None or rig.supply.outputs == "shared" or not log.currents.size:
+        return found
+    nominal = float(rig.spring_parameters().current(0.0))
+    heating = log.currents[log.currents > _HEATING * nominal]
+    if not len(heating):
+        return found
+    current = float(np.median(heating))
+    error = CHIPS[rig.sensor.kind].current_error(rig.sensor.shunt_ohm, rig.sensor.shunt_tolerance, current)
+    return replace(found, current_a=current, current_error=error / current)
 
 
 def open_run(path: Path, design: Design) -> LoggedRun:

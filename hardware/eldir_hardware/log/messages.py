@@ -25,6 +25,9 @@ CAMERA_FRAME_ID = "camera_optical_frame"
 METADATA = "eldir-log/1"
 """Name of the metadata record that makes an MCAP file one of our logs."""
 
+ROOM = "room_c"
+"""Entry of the metadata: temperature of the air that was measured before the run [C]."""
+
 VIRTUAL_EPOCH = 100_000_000_000
 """Start of a virtual run [ns]: a little after 1970, so that events before it have a valid time."""
 

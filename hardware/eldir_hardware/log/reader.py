@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -55,6 +56,8 @@ class RunLog:
     """Time of day at the start [ns since 1970]."""
     recovered: str | None
     """What `eldir recover` reported as missing; None for a log that was never damaged."""
+    room_c: float | None = None
+    """Temperature of the air around the springs, measured before the run [C]; None if it was not."""
     current_times: FloatArray = field(default_factory=lambda: np.zeros(0))
     """Times of the measured currents and voltages [s], shape (L,)."""
     currents: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
@@ -116,10 +119,21 @@ def read_log(path: Path | str) -> RunLog:
         frame_count=topics.get(m.IMAGE, 0),
         epoch_ns=epoch,
         recovered=contents.metadata.get("recovered"),
+        room_c=_room(path, contents.metadata.get(m.ROOM)),
         current_times=_times(currents, epoch),
         currents=_values(currents, springs),
         voltages=_values(rows.get(m.VOLTAGES, []), springs),
     )
+
+
+def _room(path: Path, text: str | None) -> float | None:
+    try:
+        room = None if text is None else float(text)
+    except ValueError:
+        room = math.nan
+    if room is not None and not math.isfinite(room):
+        raise damaged(path, "a temperature of the room", found=str(text))
+    return room
 
 
 def _times(messages: _Messages, epoch: int) -> FloatArray:

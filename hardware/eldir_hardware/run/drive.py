@@ -24,6 +24,7 @@ from eldir_hardware.guardian.bank import HeaterBank
 from eldir_hardware.guardian.client import Guardian
 from eldir_hardware.guardian.pulse_controller import PulseController
 from eldir_hardware.log.background import BackgroundRecorder
+from eldir_hardware.log.messages import ROOM
 from eldir_hardware.log.recorder import Recorder
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.sections import LiveCameraEntry, VirtualCameraEntry
@@ -52,6 +53,8 @@ class DriveConfig:
     """Design of the robot, instead of the one that the rig file names; required with a virtual camera."""
     accept_mismatch: str = ""
     """Reason to play a schedule of another design or for other rig values; it is written into the log."""
+    room_c: float | None = None
+    """Temperature of the air around the springs, measured before the run [C]; it is written into the log."""
     on_time: Callable[[float], None] = lambda t: None
     """Called with the time of each report [s since the start of the schedule]."""
     on_body: Callable[[BodyFrame], None] = lambda frame: None
@@ -104,12 +107,15 @@ def drive_rig(
             remedy="give --design, or name it in the rig file under virtual.design",
         )
     limits.check_schedule(schedule, rig)
+    limits.check_room(rig, config.room_c)
     facts = {"rig_sha256": rig.digest, "schedule_sha256": schedule_digest(schedule)}
     if design is not None:
         facts["design_sha256"] = design_digest(design)
     accepted = require_compatible(schedule, rig, design, config.accept_mismatch)
     if accepted is not None:
         facts["accepted"] = accepted
+    if config.room_c is not None:
+        facts[ROOM] = f"{config.room_c:g}"
     wiring = compare_wiring(rig, packet_wiring(design_path, count_motors(schedule, rig)))
     calibration = CameraFiles.load(rig, rig_path)
     with open_rig(rig, design, schedule, config.on_body) as opened:
@@ -198,10 +204,12 @@ def _filming(opened: OpenedRig, log: _Writer, latest: _LatestTime) -> Iterator[C
 
 def _log_facts(log: _Writer, facts: dict[str, str], wiring: str) -> None:
     """Record the digests of the run's files, an accepted mismatch, and another wiring than the packet's."""
-    digests = "; ".join(f"{name} {facts[name]}" for name in facts if name != "accepted")
+    digests = "; ".join(f"{name} {facts[name]}" for name in facts if name not in ("accepted", ROOM))
     log.on_status(0.0, "files", digests, facts)
     if "accepted" in facts:
         log.on_status(0.0, "files", f"the schedule was {facts['accepted']}", good=False)
+    if ROOM in facts:
+        log.on_status(0.0, "room", f"the air was measured before the run: {facts[ROOM]} C")
     if wiring:
         log.on_status(0.0, "files", f"not wired as the packet says: {wiring}")
 

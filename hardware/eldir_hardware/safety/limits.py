@@ -44,6 +44,19 @@ def check_rig(rig: Rig) -> None:
     stuck_temperature(rig, worst, None)
 
 
+def check_room(rig: Rig, room_c: float | None) -> None:
+    """Raise `LimitError` if the measured air [C] is outside of the tolerances that limits are checked for."""
+    allowed = rig.tolerances
+    if room_c is not None and not allowed.ambient_min_c <= room_c <= allowed.ambient_max_c:
+        raise LimitError(
+            "the air around the springs is outside of the rig file's tolerances",
+            code="limit.room",
+            expected=f"{allowed.ambient_min_c:g} to {allowed.ambient_max_c:g} C",
+            found=f"{room_c:g} C",
+            remedy="change the tolerances in the rig file and make the schedule again: eldir gait",
+        )
+
+
 def check_schedule(schedule: ActuationSchedule, rig: Rig) -> HeatPrediction:
     """Return the prediction of a schedule. Raises `LimitError` if this rig must not play it."""
     check_board(rig)

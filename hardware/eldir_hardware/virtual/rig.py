@@ -52,6 +52,11 @@ class DrivenBody(Protocol):
         """Follow free lengths of the active springs given every `interval` [s], shape (steps, motors)."""
 
 
+def room_temperature(rig: Rig) -> float:
+    """Temperature of the air around the springs of a virtual rig, which depends on its seed [C]."""
+    return rig.spring_tolerances().perturb_by_seed(rig.spring_parameters(), rig.virtual.seed).ambient
+
+
 class VirtualRig:
     """Powered between `open` and `close`, or in a `with`.
 

@@ -139,7 +139,7 @@ def compared(log: Path, name: str, speed: float, marks: int = 2, period: float =
     names = tuple(f"m{k + 1}" for k in range(marks))
     schedule = ActuationSchedule(period, events=(), cycles=3, conditioning_cycles=0, settle_s=1.0)
     rig = Rig.load(ROOT / "ros2_nodes" / "eldir_ros" / "config" / "rig.yaml")
-    run = LoggedRun(tiny_design({}), schedule, rig, read_log(log))
+    run = LoggedRun(tiny_design({}), schedule, rig, log=read_log(log))
     return ComparedRun(name, run, Motion(Trajectory(names, times, positions), 1.0, period, 3, 0.2))
 
 

@@ -205,9 +205,9 @@ def test_help_and_wrong_words_are_those_of_every_command(tmp_path):
     for words in (["--nonsense"], ["--rig"], ["word"]):
         done, _ = off(*words)
         assert done.returncode == 2 and "eldir: " in done.stderr, words
-    from eldir_hardware.rig.template import virtual_rig
+    from tests.hardware.rigs_and_schedules import rig_text
 
-    (tmp_path / "rig.yaml").write_text(virtual_rig())
+    (tmp_path / "rig.yaml").write_text(rig_text())
     done, _ = off("--rig", tmp_path / "rig.yaml")
     assert done.returncode == 1 and "is a virtual rig" in done.stderr
     done, _ = off("--port", "/dev/null", "--board", "toaster")

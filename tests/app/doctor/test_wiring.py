@@ -25,7 +25,7 @@ from eldir_hardware.log.reader import read_log
 from eldir_hardware.planning.compiler import compile_schedule
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.supply import LimitError
-from eldir_hardware.rig.template import real_rig, virtual_rig
+from eldir_hardware.rig.template import real_rig
 from eldir_hardware.run.drive import open_bank
 from eldir_hardware.safety.compatibility import with_digests
 from eldir_hardware.virtual.rig import VirtualRig
@@ -33,7 +33,7 @@ from tests.cad.drawn_bodies import body
 from tests.cad.written_packet import ROBOT, written_packet
 from tests.forked_programs import Forked
 from tests.hardware.emulated_rigs import emulated, rig_file, run, wait
-from tests.hardware.rigs_and_schedules import RIG, gait, rig_with
+from tests.hardware.rigs_and_schedules import RIG, gait, rig_text, rig_with
 from tests.hardware.safety.independent_heat import temperatures
 from tests.hardware.safety.replayed_heat import HOTTEST, NOMINAL, wire
 from tests.hardware.virtual.piston_and_observer import Piston
@@ -59,7 +59,7 @@ def test_packet_rig_files_and_schedule_have_one_map(packet):
     with (packet / "wiring.csv").open() as file:
         told = {int(r["relay_channel"]): (int(r["spring"]), r["face"]) for r in csv.DictReader(file)}
     assert told == MAP
-    for text in (virtual_rig(), real_rig("lcus", "/dev/ttyUSB0")):
+    for text in (rig_text(), real_rig("lcus", "/dev/ttyUSB0")):
         entries = yaml.safe_load(text)["channels"]
         assert {e["channel"]: (e["spring"], e["face"]) for e in entries} == MAP
     schedule = compile_schedule(gait(), RIG, (3, 20)).to_json()
@@ -93,7 +93,7 @@ def test_a_motors_channels_do_not_depend_on_the_other_motors():
 @pytest.fixture
 def swapped(tmp_path) -> Path:
     """A rig file that says what its user wired, after a packet of an older version."""
-    values = yaml.safe_load(virtual_rig()) | {"channels": channels(FORMER)}
+    values = yaml.safe_load(rig_text()) | {"channels": channels(FORMER)}
     del values["camera"]
     (tmp_path / "rig.yaml").write_text(yaml.safe_dump(values))
     return tmp_path / "rig.yaml"
@@ -116,7 +116,7 @@ def test_another_map_is_driven_and_told(swapped):
 
 def test_a_rig_wired_by_the_packet_is_told_nothing(tmp_path):
     path = tmp_path / "rig.yaml"
-    path.write_text(virtual_rig().replace("camera:", "# camera:"))
+    path.write_text(rig_text().replace("camera:", "# camera:"))
     schedule = with_digests(compile_schedule(gait(), RIG, (3, 20), cycles=1), RIG)
     schedule.save(tmp_path / "schedule.json")
     driven = run("drive", tmp_path / "schedule.json", "--rig", path, "--log", tmp_path / "log.mcap")
@@ -134,7 +134,7 @@ def test_the_doctor_compares_with_a_packet(packet, swapped, tmp_path):
     refused = run("doctor", "--rig", swapped, "--packet", packet, "--json")
     assert refused.exit_code == 1
     assert not finding(refused)["ok"] and DIFFERS in finding(refused)["text"]
-    (tmp_path / "same.yaml").write_text(virtual_rig())
+    (tmp_path / "same.yaml").write_text(rig_text())
     assert finding(run("doctor", "--rig", tmp_path / "same.yaml", "--packet", packet, "--json"))["ok"]
 
 

@@ -13,7 +13,6 @@ import pytest
 from mcap.reader import make_reader
 
 from eldir_hardware.rig.configuration import Rig
-from eldir_hardware.rig.template import virtual_rig
 from eldir_hardware.run.drive import to_dry_run
 from eldir_hardware.safety.compatibility import with_digests
 from eldir_hardware.schedule import ActuationSchedule, Event
@@ -22,6 +21,7 @@ from tests.app.notify.receivers import camera, mute, receiver
 from tests.app.watch.bench import ELDIR, again_where_busy, heating, save_schedule
 from tests.forked_programs import finished
 from tests.hardware.emulated_rigs import emulated, rig_file, wait
+from tests.hardware.rigs_and_schedules import rig_text
 from tests.hardware.run.faults import guardian_of
 from tests.hardware.vision.walking_films import SPACE, film
 
@@ -37,7 +37,7 @@ def drive(folder, rig, *more):
 def virtual(folder, *addresses):
     """A virtual rig without robot and camera in virtual time, and its schedule."""
     rig = folder / "rig.yaml"
-    text = "\n".join(line for line in virtual_rig().splitlines() if not line.startswith("camera"))
+    text = "\n".join(line for line in rig_text().splitlines() if not line.startswith("camera"))
     rig.write_text(f"{text}\nnotify: {json.dumps(addresses)}\n")
     save_schedule(rig, folder / "schedule.json")
     return rig

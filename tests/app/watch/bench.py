@@ -16,13 +16,12 @@ from typing import NamedTuple
 from eldir_hardware.emulator.board import EmulatedBoard
 from eldir_hardware.planning.compiler import compile_schedule
 from eldir_hardware.rig.configuration import Rig
-from eldir_hardware.rig.template import virtual_rig
 from eldir_hardware.safety.compatibility import with_digests
 from eldir_hardware.safety.latch import read_stop
 from eldir_hardware.safety.switch_off import OFF_REASON
 from tests.forked_programs import Forked
 from tests.hardware.emulated_rigs import emulated, rig_file, wait
-from tests.hardware.rigs_and_schedules import gait
+from tests.hardware.rigs_and_schedules import gait, rig_text
 from tests.hardware.run.faults import guardian_of
 
 ELDIR = [sys.executable, "-m", "eldir"]
@@ -103,7 +102,7 @@ def heating(folder: Path, kind: str = "lcus", **changes: object) -> Iterator[Hea
 def virtual_run(folder: Path) -> Iterator[Forked]:
     """`eldir rig drive` on a virtual rig in real time, without robot and camera."""
     rig = folder / "virtual.yaml"
-    text = virtual_rig(clock="wall").replace("virtual bench", f"bench of {folder.name}")
+    text = rig_text(clock="wall").replace("virtual bench", f"bench of {folder.name}")
     rig.write_text("\n".join(line for line in text.splitlines() if not line.startswith("camera")))
     save_schedule(rig, folder / "schedule.json")
     words = [str(folder / "schedule.json"), "--rig", str(rig), "--log", str(folder / "virtual.mcap")]

@@ -29,9 +29,9 @@ from eldir_calibration.report.comparison import Motion
 from eldir_hardware.log.reader import RunLog
 from eldir_hardware.planning.compiler import compile_schedule
 from eldir_hardware.rig.configuration import Rig
-from eldir_hardware.rig.template import virtual_rig
 from tests.calibration.comparison.computed_aside import die, interrupted, refuse, square
 from tests.eldir.random_design import make_design
+from tests.hardware.rigs_and_schedules import rig_text
 from tests.raised import raises
 
 
@@ -77,7 +77,7 @@ def test_nothing_outlives_the_one_who_asked() -> None:
 @pytest.fixture(scope="module")
 def driven(tmp_path_factory: pytest.TempPathFactory) -> RecordedRun:
     path = tmp_path_factory.mktemp("rig") / "rig.yaml"
-    path.write_text(virtual_rig())
+    path.write_text(rig_text())
     rig, design = Rig.load(path), make_design(3, Lattice(3, 6))
     springs = tuple(np.flatnonzero(design.morphology.active).tolist())
     gait = Gait(12.0, np.array([0.0, 0.875]), np.full(2, 0.2))
@@ -156,7 +156,7 @@ def test_a_control_robot_follows_the_intact_ones_schedule(driven: RecordedRun) -
         Path("log.mcap"), tracked, (), *[np.zeros(0)] * 2, (), *[np.zeros(0)] * 2, (), {}, 0, 0, None
     )
     film = Recording(tracked, np.zeros((1, 1)), found.start, found.period, found.cycles)
-    seen = read_filmed_gait(LoggedRun(control.design, control.schedule, control.rig, log), film)
+    seen = read_filmed_gait(LoggedRun(control.design, control.schedule, control.rig, log=log), film)
     assert seen is not None and seen.gait.phase.tolist() == [0.0]
     assert seen.gait.duty == pytest.approx([0.2])
 
@@ -174,7 +174,7 @@ def test_a_run_that_ended_early_has_its_whole_cycles(driven: RecordedRun) -> Non
     log = RunLog(
         Path("log.mcap"), None, (), none, none.astype(bool), (), none, none, said, {}, 300, 0, None
     )  # fmt: skip
-    logged = LoggedRun(driven.design, driven.schedule, driven.rig, log)
+    logged = LoggedRun(driven.design, driven.schedule, driven.rig, log=log)
     start, period = driven.schedule.start_of_cycles, driven.schedule.period_s
 
     def motion(end: float) -> Motion:

@@ -31,12 +31,12 @@ from eldir_calibration.identification.identification import read_filmed_gait, re
 from eldir_hardware.log.recorder import Recorder
 from eldir_hardware.planning.compiler import compile_schedule
 from eldir_hardware.rig.configuration import Rig
-from eldir_hardware.rig.template import virtual_rig
 from eldir_hardware.run.drive import drive_rig
 from eldir_hardware.safety.compatibility import with_digests
 from eldir_hardware.virtual.bodies import sample_large_spread
 from tests.calibration.dynamics.hidden_rigs import heating
 from tests.eldir.random_design import make_design
+from tests.hardware.rigs_and_schedules import rig_text
 from tests.paths import SCHEMAS
 from tests.raised import raises
 
@@ -53,7 +53,7 @@ def write_log(recording: Recording, tmp_path: Path, sensor: str | None = None) -
     a `sensor` springs get hot at 3.7 A and 3.6 V."""
     design = Design.from_json(make_design(3, Lattice(3, 6)).to_json())
     design.save(tmp_path / "design.json")
-    (tmp_path / "rig.yaml").write_text(virtual_rig(seed=4, design="design.json"))
+    (tmp_path / "rig.yaml").write_text(rig_text(seed=4, design="design.json"))
     if sensor is not None:
         text = (tmp_path / "rig.yaml").read_text()
         (tmp_path / "rig.yaml").write_text(f"{text}sensor: {{kind: {sensor}}}\n")
@@ -206,7 +206,7 @@ def test_a_film_and_a_prediction_of_the_very_same_robot_agree(
     monkeypatch.setattr(SpringParameters, "perturb", lambda spring, rng: spring)
     design = make_design(3, Lattice(3, 6))
     design.save(tmp_path / "design.json")
-    text = virtual_rig(seed=4, design="design.json").replace("seed: 4", "seed: 4\n  parameter_spread: large")
+    text = rig_text(seed=4, design="design.json").replace("seed: 4", "seed: 4\n  parameter_spread: large")
     text = text.replace("rate_hz: 10", "rate_hz: 3")
     (tmp_path / "rig.yaml").write_text(text)
     rig = Rig.load(tmp_path / "rig.yaml")

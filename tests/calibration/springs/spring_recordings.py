@@ -9,10 +9,10 @@ from eldir.built.heat import HeatModel
 from eldir.parameters.springs import SpringParameters
 from eldir_calibration.springs.recording import SpringRecording
 from eldir_hardware.rig.configuration import Rig
-from eldir_hardware.rig.template import virtual_rig
+from tests.hardware.rigs_and_schedules import rig_text
 
 RATE = 4.0  # samples a second
-FORMER = Rig.from_json(yaml.safe_load(virtual_rig())).spring_parameters()
+FORMER = Rig.from_json(yaml.safe_load(rig_text())).spring_parameters()
 
 
 def recorded(hidden: SpringParameters, noise: float = 0.3, seed: int = 0) -> SpringRecording:

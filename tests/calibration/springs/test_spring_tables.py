@@ -19,9 +19,9 @@ from eldir_app.application import application
 from eldir_calibration.identification.spring_record import load_spring_recording
 from eldir_calibration.springs.fit import SpringFit, fit_spring
 from eldir_hardware.rig.configuration import Rig
-from eldir_hardware.rig.template import virtual_rig
 from tests.calibration.springs.spring_recordings import FORMER
 from tests.calibration.springs.spring_tables import Truth, measure, write
+from tests.hardware.rigs_and_schedules import rig_text
 from tests.processor_time import in_units
 from tests.raised import raises
 
@@ -208,7 +208,7 @@ def test_what_is_no_recording_in_these_units_is_refused(tmp_path: Path, table: T
     changes, code, message = REFUSED[name]
     changed = table | {column: change(table[column]) for column, change in changes.items()}
     rig, out = tmp_path / "rig.yaml", tmp_path / "measured.yaml"
-    rig.write_text(virtual_rig())
+    rig.write_text(rig_text())
     path = write(tmp_path / "table.csv", changed)
     words = ["calibrate", "springs", str(path), "--rig", str(rig), "--out", str(out)]
     result = CliRunner().invoke(application(words[0]), words)
@@ -240,7 +240,7 @@ def test_a_result_that_no_rig_can_have_is_not_written(tmp_path: Path) -> None:
     """The fan blew all the time, and the table says that it did not."""
     table = measure(replace(TRUTH, convection_still=115.0), rate=2.0)
     rig, out = tmp_path / "rig.yaml", tmp_path / "measured.yaml"
-    rig.write_text(virtual_rig())
+    rig.write_text(rig_text())
     path = write(tmp_path / "table.csv", table)
     words = ["calibrate", "springs", str(path), "--rig", str(rig), "--out", str(out)]
     result = CliRunner().invoke(application(words[0]), words)
@@ -252,7 +252,7 @@ def test_what_is_written_is_a_rig_with_these_constants(tmp_path: Path) -> None:
     table = measure(TRUTH, rate=2.0)
     del table["ambient_c"]
     rig, out = tmp_path / "rig.yaml", tmp_path / "measured.yaml"
-    rig.write_text(virtual_rig())
+    rig.write_text(rig_text())
     path = write(tmp_path / "table.csv", table, ";", "utf-8-sig")
     words = ["calibrate", "springs", str(path), "--rig", str(rig), "--out", str(out)]
     result = CliRunner().invoke(application(words[0]), words)

@@ -14,8 +14,8 @@ from eldir_calibration.springs.fit import fit_spring
 from eldir_calibration.springs.recording import SpringRecording
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.sections import THERMAL
-from eldir_hardware.rig.template import virtual_rig
 from tests.calibration.springs.spring_recordings import FORMER, recorded
+from tests.hardware.rigs_and_schedules import rig_text
 from tests.raised import raises
 
 
@@ -77,7 +77,7 @@ def test_the_command_writes_a_rig_file_that_keeps_its_comments(tmp_path):
         )
         writer.writerows([t, i, u, c, int(f), 1e3 * x] for t, i, u, c, f, x in rows)
     rig, out = tmp_path / "rig.yaml", tmp_path / "measured.yaml"
-    rig.write_text(virtual_rig())
+    rig.write_text(rig_text())
     result = CliRunner().invoke(
         application("calibrate"), ["calibrate", "springs", str(table), "--rig", str(rig), "--out", str(out)]
     )

@@ -21,12 +21,12 @@ from eldir_hardware.camera.plane_fit import WrongLensError, calibrate_plane
 from eldir_hardware.log.reader import read_log
 from eldir_hardware.log.recorder import Recorder
 from eldir_hardware.rig.configuration import Rig
-from eldir_hardware.rig.template import virtual_rig
 from eldir_hardware.run.filming import CameraFiles
 from eldir_hardware.vision.recording_setup import find_recorded_plane
 from eldir_hardware.vision.sources import LoggedFrames
 from eldir_hardware.vision.virtual_camera import VirtualCamera
 from tests.hardware.camera.lenses import lens_of
+from tests.hardware.rigs_and_schedules import rig_text
 from tests.hardware.vision.walking_films import SPACE, TIMES, film
 from tests.raised import raises
 
@@ -165,7 +165,7 @@ def test_a_rig_names_its_cameras_files(track_run, tmp_path: Path) -> None:
     rig_path = tmp_path / "rig.yaml"
 
     def files(**camera: object) -> CameraFiles:
-        values = yaml.safe_load(virtual_rig()) | {"camera": {"kind": "virtual", **camera}}
+        values = yaml.safe_load(rig_text()) | {"camera": {"kind": "virtual", **camera}}
         rig_path.write_text(yaml.safe_dump(values))
         return CameraFiles.load(Rig.load(rig_path), rig_path)
 

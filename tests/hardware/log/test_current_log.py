@@ -26,14 +26,13 @@ from eldir_hardware.log.recorder import Recorder
 from eldir_hardware.planning.compiler import compile_schedule
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.devices import get_emulator
-from eldir_hardware.rig.template import virtual_rig
 from eldir_hardware.run.drive import drive_rig, to_dry_run
 from eldir_hardware.safety.compatibility import with_digests
 from eldir_hardware.virtual import rig as virtual_module
 from eldir_hardware.virtual.rig import VirtualRig
 from tests.eldir.random_design import make_design
 from tests.hardware.emulated_rigs import rig_file, run
-from tests.hardware.rigs_and_schedules import gait
+from tests.hardware.rigs_and_schedules import gait, rig_text
 
 MEASURED_WELL = {
     "supply": {"voltage_v": 11, "current_limit_a": 4, "max_total_current_a": 20},
@@ -45,7 +44,7 @@ MEASURED_WELL = {
 def driven(folder: Path, **entries: object) -> tuple[RunLog, Rig, Path]:
     """A short schedule on a virtual rig without a camera."""
     folder.mkdir(exist_ok=True)
-    values = yaml.safe_load(virtual_rig()) | entries
+    values = yaml.safe_load(rig_text()) | entries
     del values["camera"]
     path = folder / "rig.yaml"
     path.write_text(yaml.safe_dump(values))
@@ -109,7 +108,7 @@ def test_the_log_holds_the_measurement_that_ended_the_run(tmp_path, monkeypatch)
 
 
 def test_a_dry_run_emulates_the_sensor_too():
-    rig = Rig.from_json(yaml.safe_load(virtual_rig()) | {"sensor": {"kind": "ina226", "port": "/dev/x"}})
+    rig = Rig.from_json(yaml.safe_load(rig_text()) | {"sensor": {"kind": "ina226", "port": "/dev/x"}})
     assert to_dry_run(rig).sensor == rig.sensor.model_copy(update={"port": None})
 
 
@@ -120,7 +119,7 @@ def test_readings_are_those_of_the_hidden_springs(tmp_path, kind):
     log, rig, _ = driven(tmp_path, sensor=sensor, virtual={"seed": 7}, **MEASURED_WELL)
     design = Design.from_json(make_design(3, Lattice(3, 6)).to_json())
     schedule = SimpleNamespace()
-    found = read_meters([LoggedRun(design, schedule, rig, log)])
+    found = read_meters([LoggedRun(design, schedule, rig, log=log)])
     with VirtualRig(rig, SimpleNamespace()) as virtual:
         springs = virtual.springs.parameters
     amperes = np.mean([s.current(0.0) for s in springs])
@@ -132,10 +131,12 @@ def test_readings_are_those_of_the_hidden_springs(tmp_path, kind):
     )
     assert found.pulses == 4 and 0.006 < found.error < 0.012
     shared = rig.model_copy(update={"supply": rig.supply.model_copy(update={"outputs": "shared"})})
-    assert read_meters([LoggedRun(design, schedule, shared, log)]) is None, "two faces heat together"
+    assert read_meters([LoggedRun(design, schedule, shared, log=log)]) is None, "two faces heat together"
     cold = replace(log, temperatures=log.temperatures - 40)
-    assert read_meters([LoggedRun(design, schedule, rig, cold)]) is None
-    assert read_meters([LoggedRun(design, schedule, rig.model_copy(update={"sensor": None}), log)]) is None
+    assert read_meters([LoggedRun(design, schedule, rig, log=cold)]) is None
+    assert (
+        read_meters([LoggedRun(design, schedule, rig.model_copy(update={"sensor": None}), log=log)]) is None
+    )
 
 
 @pytest.fixture

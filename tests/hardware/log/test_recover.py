@@ -198,9 +198,9 @@ def test_the_foxglove_layout_shows_topics_that_a_log_has(tmp_path: Path) -> None
     """Every topic and field that its panels name, in a log of the rig that `eldir rig new` writes."""
     from eldir.core.records import FloatArray
     from eldir_hardware.rig.configuration import Rig
-    from eldir_hardware.rig.template import virtual_rig
+    from tests.hardware.rigs_and_schedules import rig_text
 
-    (tmp_path / "rig.yaml").write_text(virtual_rig(1, "design.json"))
+    (tmp_path / "rig.yaml").write_text(rig_text(1, "design.json"))
     rig = Rig.load(tmp_path / "rig.yaml")
     springs = [f"spring{c.spring}_{c.face}" for c in rig.channels]
     contacts = [f"channel{c.channel}" for c in rig.channels]

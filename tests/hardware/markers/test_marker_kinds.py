@@ -30,7 +30,6 @@ from eldir_hardware.markers.registration import installed_kinds, load_kind
 from eldir_hardware.markers.sheet import _rasterise
 from eldir_hardware.planning.compiler import compile_schedule
 from eldir_hardware.rig.configuration import Rig
-from eldir_hardware.rig.template import virtual_rig
 from eldir_hardware.run.drive import DriveConfig, drive_rig
 from eldir_hardware.safety.compatibility import with_digests
 from eldir_hardware.virtual.rig import BodyFrame
@@ -38,7 +37,7 @@ from eldir_hardware.vision.pipeline import LiveTracker, track_frames
 from eldir_hardware.vision.virtual_camera import VirtualCamera
 from tests.eldir.random_design import make_design
 from tests.hardware.markers.other_things_in_view import reflect
-from tests.hardware.rigs_and_schedules import gait
+from tests.hardware.rigs_and_schedules import gait, rig_text
 from tests.hardware.vision.walking_films import BODY, MARKED, SPACE, TIMES, film, truth
 from tests.raised import raises
 
@@ -87,7 +86,7 @@ def test_two_robots_with_the_same_numbers_are_refused() -> None:
 
 
 def test_the_rig_file_chooses_the_kind() -> None:
-    values = parse_yaml(virtual_rig().encode(), "rig.yaml")
+    values = parse_yaml(rig_text().encode(), "rig.yaml")
     assert Rig.from_json(values).marker == "discs"  # as before there was a choice
     assert Rig.from_json(values | {"marker": "apriltag"}).marker == "apriltag"
     with raises(InputError, "rig.inconsistent", "marker", match="aruco.*found 'stars'"):
@@ -98,7 +97,7 @@ def test_a_log_is_tracked_with_the_kind_of_its_rig_file(tmp_path: Path) -> None:
     camera = a_camera("aruco")
     with Recorder(tmp_path / "a.mcap") as log:
         log.attach("tags.json", json.dumps(camera.board.to_json()).encode())
-        log.attach("rig.yaml", virtual_rig().encode() + b"\nmarker: aruco\n")
+        log.attach("rig.yaml", rig_text().encode() + b"\nmarker: aruco\n")
         for t, image in film(camera, FRAMES[:3]):
             log.on_frame(t, image)
     track_command(str(tmp_path / "a.mcap"), out=tmp_path / "a.json")
@@ -196,7 +195,7 @@ def test_squares_go_through_the_whole_circle(kind: str, tmp_path: Path) -> None:
     design = make_design(3, Lattice(3, 6))
     design.save(tmp_path / "design.json")
     camera = "camera: {kind: virtual, rate_hz: 0.5, width: 1280, height: 960}\nmarker: " + kind
-    text = virtual_rig(seed=5, design="design.json").replace("camera: {kind: virtual, rate_hz: 10}", camera)
+    text = rig_text(seed=5, design="design.json").replace("camera: {kind: virtual, rate_hz: 10}", camera)
     (tmp_path / "rig.yaml").write_text(text)
     rig = Rig.load(tmp_path / "rig.yaml")
     assert rig.marker == kind

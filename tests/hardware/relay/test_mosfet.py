@@ -26,14 +26,14 @@ from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.devices import get_requirements, is_retriggerable
 from eldir_hardware.rig.sections import ContactorEntry
 from eldir_hardware.rig.supply import LimitError
-from eldir_hardware.rig.template import real_rig, virtual_rig
+from eldir_hardware.rig.template import real_rig
 from eldir_hardware.safety.latch import read_stop, unlatch
 from eldir_hardware.safety.worst_heat import check_board
 from eldir_hardware.virtual.rig import VirtualRig
 from tests.forked_programs import Forked
 from tests.hardware.emulated_rigs import rig_file, run, wait
 from tests.hardware.firmware.mosfet_host import frame
-from tests.hardware.rigs_and_schedules import rig_with
+from tests.hardware.rigs_and_schedules import rig_text, rig_with
 from tests.hardware.virtual.piston_and_observer import Piston
 from tests.raised import raises
 
@@ -225,7 +225,7 @@ def test_it_needs_a_cutoff_as_any_board_does_and_cannot_be_its_own() -> None:
 def test_its_second_pulse_need_not_be_measured_but_can_be() -> None:
     check_board(RIG)
     assert is_retriggerable(RIG) is True, "pulses are sent in short steps, as they are repeated"
-    for text in (virtual_rig(board="mosfet"), real_rig("mosfet", "/dev/ttyACM0")):
+    for text in (rig_text(board="mosfet"), real_rig("mosfet", "/dev/ttyACM0")):
         assert "\n  retriggerable:" not in text
     with bench() as (_, board, clock):
         assert measure_retriggerable(board, clock, 1) is True

@@ -18,11 +18,10 @@ from eldir_hardware.relay.errors import ContactError
 from eldir_hardware.relay.registration import GROUP, get_board, installed_kinds
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.devices import get_driver, get_emulator
-from eldir_hardware.rig.template import virtual_rig
 from eldir_hardware.safety.compatibility import with_digests
 from tests.hardware.emulated_rigs import rig_file
 from tests.hardware.relay.relay_answers import CHECKSUM, believed_wrongly
-from tests.hardware.rigs_and_schedules import SCHEDULE
+from tests.hardware.rigs_and_schedules import SCHEDULE, rig_text
 from tests.paths import ROOT
 from tests.raised import raises
 
@@ -98,7 +97,7 @@ def test_it_drives_through_real_bytes(installed: Path, tmp_path: Path) -> None:
 
 def test_a_dry_run_emulates_it(installed: Path, tmp_path: Path) -> None:
     rig = tmp_path / "rig.yaml"
-    rig.write_text(virtual_rig(board="toy").replace("camera: {kind: virtual, rate_hz: 10}\n", ""))
+    rig.write_text(rig_text(board="toy").replace("camera: {kind: virtual, rate_hz: 10}\n", ""))
     short = replace(SCHEDULE, conditioning_cycles=0, cycles=1)
     with_digests(short, Rig.load(rig)).save(tmp_path / "schedule.json")
     driven = eldir(

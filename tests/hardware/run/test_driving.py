@@ -22,13 +22,13 @@ from eldir_hardware.planning.plan import PlanConfig, plan
 from eldir_hardware.relay.lcus import LcusBoard
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.devices import get_emulator
-from eldir_hardware.rig.template import real_rig, virtual_rig
+from eldir_hardware.rig.template import real_rig
 from eldir_hardware.run.drive import DriveConfig, drive_rig
 from eldir_hardware.safety.compatibility import with_digests
 from eldir_hardware.virtual.bodies import EngineBody
 from tests.eldir.random_design import make_design
 from tests.hardware.camera.lenses import lens_of
-from tests.hardware.rigs_and_schedules import SCHEDULE
+from tests.hardware.rigs_and_schedules import SCHEDULE, rig_text
 from tests.raised import raises
 
 
@@ -41,7 +41,7 @@ def design():
 def folder(design, tmp_path_factory) -> Path:
     where = tmp_path_factory.mktemp("driving")
     design.save(where / "design.json")
-    (where / "rig.yaml").write_text(virtual_rig(seed=4, design="design.json"))
+    (where / "rig.yaml").write_text(rig_text(seed=4, design="design.json"))
     return where
 
 

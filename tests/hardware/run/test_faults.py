@@ -35,7 +35,6 @@ from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.devices import get_emulator
 from eldir_hardware.rig.port_holder import find_holder
 from eldir_hardware.rig.supply import worst_springs
-from eldir_hardware.rig.template import virtual_rig
 from eldir_hardware.run.drive import DriveConfig, drive_rig
 from eldir_hardware.safety import limits
 from eldir_hardware.safety.compatibility import with_digests
@@ -44,7 +43,7 @@ from eldir_hardware.schedule import ActuationSchedule
 from tests.eldir.random_design import make_design
 from tests.forked_programs import Forked
 from tests.hardware.emulated_rigs import rig_file, wait
-from tests.hardware.rigs_and_schedules import gait
+from tests.hardware.rigs_and_schedules import gait, rig_text
 
 STEP = 0.05
 
@@ -348,7 +347,7 @@ def test_neither_a_stalled_camera_nor_the_engine_touches_the_heat(tmp_path, monk
     design = make_design(3, Lattice(3, 6))
     design.save(tmp_path / "design.json")
     rig = tmp_path / "rig.yaml"
-    rig.write_text(virtual_rig(4, "design.json", clock="wall"))
+    rig.write_text(rig_text(4, "design.json", clock="wall"))
     compiled = compile_schedule(gait(phase=(0.0, 0.01), duty=(0.08, 0.08)), Rig.load(rig), (7, 12), cycles=1)
     schedule = replace(compiled, period_s=10.0, settle_s=0.0, conditioning_cycles=0)
     schedule = with_digests(schedule, Rig.load(rig), design)

@@ -17,12 +17,11 @@ from eldir_hardware.log.reader import read_log
 from eldir_hardware.log.recorder import Recorder
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.devices import get_emulator
-from eldir_hardware.rig.template import virtual_rig
 from eldir_hardware.run.drive import DriveConfig, drive_rig
 from eldir_hardware.safety.compatibility import with_digests
 from eldir_hardware.schedule import Event
 from tests.hardware.emulated_rigs import rig_file
-from tests.hardware.rigs_and_schedules import RIG, SCHEDULE, rig_with
+from tests.hardware.rigs_and_schedules import RIG, SCHEDULE, rig_text, rig_with
 
 SHORT = with_digests(
     replace(
@@ -100,8 +99,8 @@ def test_a_board_that_does_not_arm_leaves_a_readable_log(emulated, tmp_path):
 def test_the_log_attests_the_rig_that_was_loaded(moment, tmp_path):
     """The file is replaced by another rig at any moment after loading."""
     path = tmp_path / "rig.yaml"
-    path.write_text(virtual_rig().replace("camera:", "# camera:"))
-    other = virtual_rig(seed=9).replace("max_temperature_c: 90", "max_temperature_c: 80").encode()
+    path.write_text(rig_text().replace("camera:", "# camera:"))
+    other = rig_text(seed=9).replace("max_temperature_c: 90", "max_temperature_c: 80").encode()
     rig = Rig.load(path)
     times = []
 

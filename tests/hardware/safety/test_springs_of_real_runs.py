@@ -10,7 +10,6 @@ import yaml
 
 from eldir_hardware.guardian.client import Guardian
 from eldir_hardware.rig.configuration import Rig
-from eldir_hardware.rig.template import virtual_rig
 from eldir_hardware.run.drive import open_bank
 from eldir_hardware.safety.latch import unlatch
 from eldir_hardware.safety.limits import LimitError
@@ -19,6 +18,7 @@ from eldir_hardware.safety.spring_memory import (
 )
 from tests.hardware.emulated_rigs import emulated, heating_program, rig_file, wait
 from tests.hardware.guardian.pulse_controllers import ignore
+from tests.hardware.rigs_and_schedules import rig_text
 from tests.raised import raises
 
 
@@ -80,7 +80,7 @@ def test_after_a_guardian_was_killed_its_springs_count_as_hot(tmp_path):
 
 
 def test_springs_of_a_virtual_rig_begin_cold_with_it(tmp_path, folder):
-    values = yaml.safe_load(virtual_rig(clock="wall"))
+    values = yaml.safe_load(rig_text(clock="wall"))
     del values["camera"]
     with open_bank(Rig.from_json(values)) as opened, opened.bank.armed():
         assert opened.bank.ready_at <= opened.clock.now()

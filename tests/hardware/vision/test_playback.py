@@ -14,7 +14,6 @@ from eldir_hardware.camera.plane import TagBoard
 from eldir_hardware.images import jpeg
 from eldir_hardware.log.recorder import Recorder
 from eldir_hardware.rig.configuration import Rig
-from eldir_hardware.rig.template import virtual_rig
 from eldir_hardware.run.filming import RobotCamera, virtual_camera
 from eldir_hardware.virtual.bodies import BodyProcess, EngineBody
 from eldir_hardware.vision.pipeline import LiveOverlay
@@ -22,7 +21,7 @@ from eldir_hardware.vision.recording_setup import load_recorded_lens
 from eldir_hardware.vision.sources import timed_pictures
 from tests.eldir.random_design import make_design
 from tests.hardware.log.log_contents import EPOCH, picture
-from tests.hardware.rigs_and_schedules import SCHEDULE
+from tests.hardware.rigs_and_schedules import SCHEDULE, rig_text
 from tests.hardware.vision.walking_films import MARKED, NAMES
 from tests.raised import raises
 
@@ -31,7 +30,7 @@ from tests.raised import raises
 def folder(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("robot")
     make_design(3, Lattice(3, 6)).save(folder / "design.json")
-    (folder / "rig.yaml").write_text(virtual_rig(seed=4, design="design.json"))
+    (folder / "rig.yaml").write_text(rig_text(seed=4, design="design.json"))
     return folder
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,6 +14,7 @@ from eldir_app.options import RigFile
 
 if TYPE_CHECKING:
     from eldir_hardware.rig.configuration import Rig
+    from eldir_hardware.run.drive import DriveConfig
     from eldir_hardware.run.player import Player, RunResult
     from eldir_hardware.schedule import ActuationSchedule
 
@@ -33,6 +35,13 @@ def drive(
             "--dry-run", help="Play on an emulated board in virtual time. No real contact is switched."
         ),
     ] = False,
+    room: Annotated[
+        float | None,
+        typer.Option(
+            help="Temperature of the air around the springs, measured before the run [C]. It is written into "
+            "the log, and `eldir report` predicts with it."
+        ),
+    ] = None,
     accept_mismatch: Annotated[
         str,
         typer.Option(
@@ -50,7 +59,7 @@ def drive(
     """
     from eldir.core.files import require_ending, require_new
     from eldir_hardware.rig.configuration import Rig
-    from eldir_hardware.run.drive import to_dry_run
+    from eldir_hardware.run.drive import DriveConfig, to_dry_run
     from eldir_hardware.safety.latch import require_unlatched
     from eldir_hardware.schedule import ActuationSchedule
 
@@ -61,9 +70,13 @@ def drive(
         design = schedule.parent / heating.provenance.design
     _print_notes(heating, rig, rig_file, design)
     driven = to_dry_run(rig) if dry_run else rig
+    if driven.kind == "virtual" and room is None and not dry_run:
+        from eldir_hardware.virtual.rig import room_temperature
+
+        typer.echo(f"note: a thermometer at this virtual rig shows {room_temperature(rig):.1f} C; see --room")
     if driven.kind == "real" and driven.board.port is not None:
         require_unlatched(driven.board.port)  # a run that cannot start leaves no log
-    played = _play(heating, driven, rig_file, log, design, accept_mismatch)
+    played = _play(heating, driven, rig_file, log, DriveConfig(design, accept_mismatch, room))
     typer.echo(
         f"wrote {log}: {played.duration_s:.0f} s, highest modelled temperature {played.peak_c:.1f} C, "
         f"latest switching {1e3 * played.max_delay_s:.0f} ms late"
@@ -91,13 +104,12 @@ def _play(
     rig: Rig,
     rig_file: Path,
     log: Path,
-    design: Path | None,
-    accept_mismatch: str,
+    config: DriveConfig,
 ) -> RunResult:
     """Play the schedule with a progress bar, keys, commands from other programs, and notifications."""
     from eldir_app.notifications import notifications
     from eldir_app.progress import progress_bar
-    from eldir_hardware.run.drive import DriveConfig, drive_rig
+    from eldir_hardware.run.drive import drive_rig
     from eldir_hardware.run.remote_control import obey_commands, obey_keys
     from eldir_hardware.safety.stop_signals import signals_as_errors
 
@@ -119,9 +131,8 @@ def _play(
             rig,
             rig_file,
             log,
-            DriveConfig(
-                design,
-                accept_mismatch,
+            replace(
+                config,
                 on_time=lambda t: progress.update(task, completed=t),
                 on_rest=on_rest,
                 control=steer,

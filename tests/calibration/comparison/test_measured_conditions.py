@@ -1,0 +1,75 @@
+"""Air and current that were measured in a run replace what the rig file assumes, and narrow predictions."""
+
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from eldir.built.gait import Gait
+from eldir.built.samples import NominalRobots
+from eldir.lattice import Lattice
+from eldir_calibration.comparison.predictions import predict_runs
+from eldir_calibration.comparison.recorded_run import LoggedRun, MeasuredConditions, read_run
+from eldir_hardware.planning.compiler import compile_schedule
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.rig.supply import LimitError
+from eldir_hardware.run.drive import DriveConfig, drive_rig
+from eldir_hardware.virtual.rig import VirtualRig, room_temperature
+from tests.eldir.random_design import make_design
+from tests.hardware.rigs_and_schedules import rig_text
+from tests.raised import raises
+
+SEED = 11
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> LoggedRun:
+    """A run on a rig with a current sensor, whose air was measured."""
+    folder = tmp_path_factory.mktemp("measured")
+    text = rig_text(seed=SEED).replace("# sensor: {kind: ina226", "sensor: {kind: ina226")
+    (folder / "rig.yaml").write_text(text.replace("camera:", "# camera:"))
+    design, rig = make_design(3, Lattice(3, 6)), Rig.load(folder / "rig.yaml")
+    design.save(folder / "design.json")
+    springs = tuple(np.flatnonzero(design.morphology.active).tolist())
+    gait = Gait(12.0, np.array([0.0, 0.875]), np.full(2, 0.2))
+    schedule = compile_schedule(gait, rig, springs, cycles=2)
+    config = DriveConfig(folder / "design.json", "not of a search", round(room_temperature(rig), 1))
+    drive_rig(schedule, rig, folder / "rig.yaml", folder / "log.mcap", config)
+    return read_run(folder / "log.mcap")
+
+
+def test_they_are_those_of_the_hidden_rig(run: LoggedRun) -> None:
+    with VirtualRig(run.rig, SimpleNamespace()) as virtual:
+        hidden = virtual.springs.parameters
+    assert run.log.room_c == pytest.approx(hidden[0].ambient, abs=0.06)
+    amperes = float(np.mean([s.current(0.0) for s in hidden]))
+    nominal, tolerances = run.nominal
+    assert abs(amperes / 3.45 - 1) > 0.01, "otherwise nothing is shown"
+    assert float(nominal.springs.current(0.0)) == pytest.approx(amperes, rel=run.measured.current_error)
+    assert nominal.springs.ambient == run.log.room_c
+    assumed = run.rig.spring_tolerances()
+    assert tolerances.current < assumed.current / 2
+    assert tolerances.ambient_max - tolerances.ambient_min < (assumed.ambient_max - assumed.ambient_min) / 5
+    assert (tolerances.convection, tolerances.stroke) == (assumed.convection, assumed.stroke)
+
+
+def test_predictions_take_them(run: LoggedRun) -> None:
+    """The nominal robot moves otherwise, and samples have narrower air and currents."""
+    assumed = replace(run, measured=MeasuredConditions())
+    mine, theirs = (predict_runs([r], None, 2).own[0].trajectory.positions for r in (run, assumed))
+    assert np.abs(mine - theirs).max() > 5e-4
+    spreads = []
+    for one in (run, assumed):
+        robot, tolerances = one.nominal
+        samples = NominalRobots(run.design.morphology, robot, tolerances=tolerances).samples(60, 1)
+        spreads.append(np.std([(r.springs.ambient, r.springs.current_limit) for r in samples], axis=0))
+    assert (spreads[0] < spreads[1] / 2).all(), spreads
+
+
+def test_air_outside_of_the_tolerances_is_refused(run: LoggedRun, tmp_path: Path) -> None:
+    with raises(LimitError, "limit.room", match="found 31 C"):
+        config = DriveConfig(room_c=31.0)
+        drive_rig(run.schedule, run.rig, tmp_path / "rig.yaml", tmp_path / "log.mcap", config)
+    assert not (tmp_path / "log.mcap").exists()
