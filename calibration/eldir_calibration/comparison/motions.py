@@ -64,7 +64,7 @@ def prepare_report(
     far. A log without frames raises `InputError`.
     """
     runs = _open_filmed_runs([paths] if isinstance(paths, Path) else paths, design)
-    worker.begin(predict_runs, [RecordedRun(r.design, r.schedule, r.rig) for r in runs], scene, samples)
+    worker.begin(predict_runs, [run.without_log() for run in runs], scene, samples)
     tracked: list[TrackedRun] = []
     done = 0
     for run in runs:

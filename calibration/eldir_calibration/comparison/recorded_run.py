@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
@@ -117,6 +117,10 @@ class LoggedRun(RecordedRun):
     """A run, and the log of it."""
 
     log: RunLog = field(kw_only=True)
+
+    def without_log(self) -> RecordedRun:
+        """The same run for another process, without what is large."""
+        return RecordedRun(*(getattr(self, part.name) for part in fields(RecordedRun)))
 
     def motion(self, trajectory: Trajectory) -> Motion:
         """The motion over the cycles that count, as many of them as the log holds completely."""
