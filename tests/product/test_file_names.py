@@ -16,8 +16,8 @@ from eldir.errors import InputError
 from eldir.evolution import tables
 from eldir_hardware.images.video import write_webm
 from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.rig.template import virtual_rig
 from tests.app.catalogue.small_logs_and_reports import record
-from tests.hardware.rigs_and_schedules import rig_text
 from tests.raised import raises
 
 ODD = os.fsdecode(b"dir\xe4")
@@ -84,7 +84,7 @@ def test_a_rig_file_does_not_name_such_a_design(odd: Path) -> None:
 
 @pytest.mark.parametrize("name", ["my: robot #1.json", "1.5", "robot ä.json", "a \"b\" 'c'.json", "a\nb"])
 def test_a_rig_file_names_any_other_design(name: str, tmp_path: Path) -> None:
-    (tmp_path / "rig.yaml").write_text(rig_text(design=name))
+    (tmp_path / "rig.yaml").write_text(virtual_rig(design=name))
     assert Rig.load(tmp_path / "rig.yaml").virtual.design == name
 
 
@@ -97,7 +97,7 @@ def test_what_is_no_file_is_not_shown(name: str) -> None:
 
 def test_closed_streams_cost_only_what_they_would_have_taken(tmp_path: Path) -> None:
     """A file that got the descriptor of a closed stream would have the stream's lines in it."""
-    whole = rig_text(physics="mujoco")
+    whole = virtual_rig(physics="mujoco")
     for number, closed in enumerate((">&-", "2>&-", "<&-", "<&- >&- 2>&-")):
         out = tmp_path / f"{number}.yaml"
         made = eldir("rig", "new", "--out", out, shell=f'exec "$@" {closed}')

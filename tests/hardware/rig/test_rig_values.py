@@ -113,13 +113,12 @@ def test_other_springs_that_are_wound_are_accepted():
         assert rig_with(springs=springs).springs.resistance_ohm == ohm
 
 
-def test_the_current_of_rig_files_parts_and_nodes_is_one_and_the_most_that_is_safe():
-    """A twentieth of an ampere more is refused; the parts list and the nodes' rig say the same number."""
+def test_the_current_of_rig_files_and_parts_is_one_and_the_most_that_is_safe():
+    """A twentieth of an ampere more is refused; the parts list says the same number."""
     rig = Rig.from_json(yaml.safe_load(virtual_rig()))
     parts = yaml.safe_load((ROOT / "cad" / "eldir_cad" / "kit" / "data" / "parts.yaml").read_text())
-    nodes = yaml.safe_load((ROOT / "ros2_nodes" / "eldir_ros" / "config" / "rig.yaml").read_text())
     assert rig.supply.current_limit_a == CURRENT_LIMIT_A
-    assert parts["coil"]["current_limit_a"] == nodes["supply"]["current_limit_a"] == CURRENT_LIMIT_A
+    assert parts["coil"]["current_limit_a"] == CURRENT_LIMIT_A
     comments = " ".join(real_rig("lcus", "/dev/null").replace("#", "").split())
     assert f"allow {CURRENT_LIMIT_A:g} A" in comments
     longest = gait(duty=(0.2, 0.2), period=30.0)

@@ -15,7 +15,6 @@ from eldir_calibration.comparison.recorded_run import open_run
 from eldir_hardware.log.reader import read_log
 from eldir_hardware.planning.compiler import compile_schedule
 from eldir_hardware.rig.configuration import Rig
-from eldir_hardware.rig.template import virtual_rig
 from eldir_hardware.run.drive import DriveConfig, drive_rig
 from eldir_hardware.safety.compatibility import with_digests
 from eldir_hardware.schedule import ActuationSchedule
@@ -23,7 +22,7 @@ from eldir_hardware.virtual.bodies import BodyProcess
 from eldir_hardware.virtual.mujoco_body import MujocoBody, OverlapCheck
 from eldir_hardware.virtual.rig import BodyFrame
 from tests.eldir.random_design import make_design
-from tests.hardware.rigs_and_schedules import gait
+from tests.hardware.rigs_and_schedules import gait, rig_text
 
 pytest.importorskip("mujoco")  # installed with the extra `test`
 DESIGN = make_design(3, Lattice(3, 6))
@@ -34,7 +33,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     where = tmp_path_factory.mktemp("mujoco")
     DESIGN.save(where / "design.json")
     for name, lines in (("rig", ""), ("far", "  parameter_spread: large\n")):
-        text = virtual_rig(4, "design.json", physics="mujoco").replace("rate_hz: 10}", "rate_hz: 2}")
+        text = rig_text(4, "design.json", physics="mujoco").replace("rate_hz: 10}", "rate_hz: 2}")
         (where / f"{name}.yaml").write_text(text + lines)
     return where
 
