@@ -195,12 +195,15 @@ def test_squares_go_through_the_whole_circle(kind: str, tmp_path: Path) -> None:
     design = make_design(3, Lattice(3, 6))
     design.save(tmp_path / "design.json")
     camera = "camera: {kind: virtual, rate_hz: 0.5, width: 1280, height: 960}\nmarker: " + kind
-    text = rig_text(seed=5, design="design.json").replace("camera: {kind: virtual, rate_hz: 10}", camera)
+    text = rig_text(seed=1, design="design.json").replace("camera: {kind: virtual, rate_hz: 10}", camera)
     (tmp_path / "rig.yaml").write_text(text)
     rig = Rig.load(tmp_path / "rig.yaml")
     assert rig.marker == kind
     springs = tuple(np.flatnonzero(design.morphology.active).tolist())
-    short = replace(compile_schedule(gait(), rig, springs=springs), cycles=1, conditioning_cycles=0)
+    # With more heat this robot falls over and hides its squares.
+    short = replace(
+        compile_schedule(gait(duty=(0.22, 0.22)), rig, springs=springs), cycles=1, conditioning_cycles=0
+    )
     truth_of: list[BodyFrame] = []
     log = tmp_path / "log.mcap"
     drive_rig(
