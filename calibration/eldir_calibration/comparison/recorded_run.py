@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
@@ -16,6 +17,7 @@ from eldir.design import Design, Variant
 from eldir.errors import InputError
 from eldir.parameters.robot import RobotParameters
 from eldir.parameters.tolerances import RigTolerances
+from eldir.parameters.uncertain import PARAMETERS
 from eldir.trajectory import Trajectory
 from eldir_calibration.report.comparison import Motion
 from eldir_calibration.report.controls import INTACT
@@ -42,7 +44,7 @@ class MeasuredConditions:
     room_c: float | None = None
     """Temperature of the air before the run [C]; None if it was not measured."""
     current_a: float | None = None
-    """Mean current of the springs while they heat [A]; None without a current sensor."""
+    """Median current of the springs while they heat [A]; None without a current sensor."""
     current_error: float = 0.0
     """Largest relative error of that current."""
 
@@ -56,12 +58,9 @@ class MeasuredConditions:
             low, high = self.room_c - _ROOM_ERROR, self.room_c + _ROOM_ERROR
             tolerances = replace(tolerances, ambient_min=low, ambient_max=high)
         if self.current_a is not None:
-            ratio = self.current_a / float(springs.current(0.0))
-            springs = replace(
-                springs,
-                current_limit=springs.current_limit * ratio,
-                supply_voltage=springs.supply_voltage * ratio,
-            )
+            current = PARAMETERS["current"]
+            change = math.log(self.current_a / float(springs.current(0.0)))
+            springs = current.at(springs, change / current.spread)
             tolerances = replace(tolerances, current=min(tolerances.current, self.current_error))
         return replace(robot, springs=springs), tolerances
 

@@ -113,7 +113,7 @@ def test_other_springs_that_are_wound_are_accepted():
         assert rig_with(springs=springs).springs.resistance_ohm == ohm
 
 
-def test_the_current_of_rig_files_and_parts_is_one_and_the_most_that_is_safe():
+def test_rig_files_and_parts_have_the_same_current_and_it_is_the_maximum():
     """A twentieth of an ampere more is refused; the parts list says the same number."""
     rig = Rig.from_json(yaml.safe_load(virtual_rig()))
     parts = yaml.safe_load((ROOT / "cad" / "eldir_cad" / "kit" / "data" / "parts.yaml").read_text())
