@@ -116,6 +116,24 @@ class ToleranceWalks(Record):
 
 
 @record
+class NarrowerTolerances(Record):
+    """What narrower tolerances of the rig file would allow, if measurements prove them."""
+
+    current: float
+    """Relative tolerance of the current."""
+    ambient_min_c: float
+    """Least temperature of the air around the springs [C]."""
+    ambient_max_c: float
+    """Highest temperature of the air around the springs [C]."""
+    current_limit_a: float
+    """Highest current limit of the supply with which this schedule keeps the limits [A]."""
+    coldest_stroke: float
+    """Fraction of their stroke that springs use at that current in the coldest corner."""
+    coldest: Walk
+    """Walk of the most probable robot there [body lengths per five cycles]; null where it falls or folds."""
+
+
+@record
 class SchedulePrediction(Record):
     """Predictions for a schedule; a schedule that was written by hand may have none."""
 
@@ -135,6 +153,8 @@ class SchedulePrediction(Record):
     """Temperature and length of the springs over the last cycle."""
     tolerances: Annotated[ToleranceWalks | None, OMITTED] = None
     """Walks at the ends of the rig's tolerances; left out in older files."""
+    narrower: Annotated[tuple[NarrowerTolerances, ...] | None, OMITTED] = None
+    """What narrower tolerances would allow; left out in older files."""
     choice: Annotated[str | None, OMITTED] = None
     """Why a filmed gait was kept or replaced; a sentence."""
 

@@ -101,7 +101,8 @@ def _plan(
 def _prediction_lines(schedule: ActuationSchedule, rig: Rig) -> Iterator[str]:
     """The predicted walk of each method, how much it depends on heat, and why the gait was chosen."""
     from eldir.built.walking import describe_ties
-    from eldir_hardware.planning.plan import describe_tolerances, describe_walk
+    from eldir_hardware.planning.plan import describe_walk
+    from eldir_hardware.planning.tolerance_walks import describe_tolerances
 
     predicted = schedule.predicted
     for method, walk in predicted.displacement.items():
@@ -118,6 +119,7 @@ def _prediction_lines(schedule: ActuationSchedule, rig: Rig) -> Iterator[str]:
 def _rig_lines(schedule: ActuationSchedule, rig: Rig, packet: PacketWiring) -> Iterator[str]:
     """Notes on the wiring and the timing, and the margins to the limits of the rig."""
     from eldir_hardware.planning.compiler import describe_precision
+    from eldir_hardware.planning.tolerance_walks import describe_narrower
     from eldir_hardware.safety.compatibility import compare_wiring
     from eldir_hardware.safety.margins import describe_margins
 
@@ -127,3 +129,4 @@ def _rig_lines(schedule: ActuationSchedule, rig: Rig, packet: PacketWiring) -> I
         yield f"note: {note}"
     if schedule.predicted.margins is not None:
         yield describe_margins(schedule.predicted.margins, rig)
+    yield from describe_narrower(schedule.predicted.narrower or (), rig)

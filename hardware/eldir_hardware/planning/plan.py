@@ -21,7 +21,7 @@ from eldir.built.gait_search import (
     silent,
 )
 from eldir.built.heat import HeatModel, SpringState, heating_time
-from eldir.built.samples import IdentifiedRobots, RobotDistribution, SampledWalks, simulate_robots
+from eldir.built.samples import IdentifiedRobots, SampledWalks
 from eldir.built.scene import PrintedScene
 from eldir.built.screening import candidate_gaits
 from eldir.core.pictures import png
@@ -30,8 +30,9 @@ from eldir.core.version import __version__
 from eldir.design import Design
 from eldir.parameters.springs import SpringParameters
 from eldir_hardware.planning.compiler import compile_schedule
+from eldir_hardware.planning.tolerance_walks import simulate_narrower, simulate_tolerances
 from eldir_hardware.rig.configuration import Rig
-from eldir_hardware.rig.supply import LimitError, power_shares, scale_by_shares, springs_at_tolerances
+from eldir_hardware.rig.supply import LimitError, power_shares, scale_by_shares
 from eldir_hardware.safety.compatibility import with_digests
 from eldir_hardware.safety.limits import DUTY_WINDOW, check_heat, max_pulse
 from eldir_hardware.safety.margins import heat_margins
@@ -40,7 +41,6 @@ from eldir_hardware.schedule import (
     PredictedCycle,
     PredictedWalk,
     Pulse,
-    ToleranceWalks,
 )
 
 MAX_PERIOD_S = 120.0
@@ -111,6 +111,7 @@ def plan(
         method=found.method,
         displacement=_displacements(found),
         tolerances=simulate_tolerances(robots, found.gait, rig),
+        narrower=simulate_narrower(robots, found.gait, schedule, rig),
         cycle=predict_cycle(schedule, rig),
         choice=found.reason or None,
         margins=heat_margins(schedule, rig),
@@ -160,27 +161,6 @@ def _displacements(found: GaitSearchResult) -> dict[str, PredictedWalk]:
     if found.kept_film is not None:
         walks["filmed"] = replace(walks["filmed"], filmed=round(found.kept_film.walked, 6))
     return walks
-
-
-def simulate_tolerances(robots: RobotDistribution, gait: Gait, rig: Rig) -> ToleranceWalks:
-    """Walks of the most probable robot at the ends of the rig's tolerances: of a coarse one on a table, of
-    the robot as it is on a terrain, where coarse ones walk otherwise."""
-    ends = [  # current, convection, room
-        (0, 0, 0), (-1, 0, 0), (1, 0, 0), (0, -1, 0), (0, 1, 0), (0, 0, -1), (0, 0, 1), (-1, 1, -1)
-    ]  # fmt: skip
-    one = robots.robot
-    off = [
-        replace(
-            one,
-            springs=springs_at_tolerances(rig, one.springs, *end),
-            own_springs=tuple(springs_at_tolerances(rig, spring, *end) for spring in one.own_springs),
-        )
-        for end in ends
-    ]
-    (walks,) = simulate_robots(robots, off, [gait], coarse=robots.terrain is None)
-    nominal, *pairs, coldest = (round(float(walk), 6) if np.isfinite(walk) else None for walk in walks)
-    current, convection, room = zip(pairs[::2], pairs[1::2], strict=True)
-    return ToleranceWalks(nominal, current, convection, room, coldest)
 
 
 def _predicted_walk(gait: Gait, walks: SampledWalks) -> PredictedWalk:
@@ -300,27 +280,6 @@ def _make_title(schedule: ActuationSchedule) -> str:
         return ""
     walk, fallen = describe_walk(schedule.predicted.walk)
     return f"{schedule.predicted.method}: {walk}\n{fallen}"
-
-
-def describe_tolerances(walks: ToleranceWalks, rig: Rig) -> str:
-    """The walks at the ends of the rig file's tolerances, in one line."""
-
-    def name(walk: float | None) -> str:
-        return "falls" if walk is None else f"{walk:+.2f}"
-
-    allowed = rig.tolerances
-    current, cooling = f"{allowed.current:.0%}", f"{allowed.convection_tolerance:.0%}"
-    low, high = f"{allowed.ambient_min_c:g} C", f"{allowed.ambient_max_c:g} C"
-    ends = (
-        ("current", f"-{current}", f"+{current}", walks.current),
-        ("cooling", f"-{cooling}", f"+{cooling}", walks.convection),
-        ("air", low, high, walks.room),
-    )
-    each = "; ".join(f"{what} {a}: {name(x)}, {b}: {name(y)}" for what, a, b, (x, y) in ends)
-    return (
-        f"walk at the ends of the rig file's tolerances: {each}; least current, most cooling and coldest air "
-        f"together: {name(walks.coldest)}; with the file's values: {name(walks.nominal)}"
-    )
 
 
 def describe_walk(walk: PredictedWalk) -> tuple[str, str]:

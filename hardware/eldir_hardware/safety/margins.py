@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Iterator
 
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.supply import coldest_springs, power_shares, scale_by_shares
-from eldir_hardware.safety.limits import LimitError, check_heat, on_fractions
+from eldir_hardware.safety.limits import LimitError, check_heat, check_schedule, on_fractions
 from eldir_hardware.safety.worst_heat import run_until_periodic
 from eldir_hardware.schedule import ActuationSchedule, HeatMargins
 
@@ -14,6 +15,10 @@ from eldir_hardware.schedule import ActuationSchedule, HeatMargins
 _CURRENT_SEARCH = (2.0, 0.01)  # [A]
 _AMBIENT_SEARCH = (40.0, 0.1)  # [K]
 _PULSE_SEARCH = (6.0, 0.02)  # [s]
+_LIMIT_SEARCH = (2.0, 0.005)  # [A]
+_LIMIT_STEP = 0.05  # of the supply's current limit that is advised [A]
+_MEASURED_CURRENT = 0.02  # tolerance of a current that a sensor or a good meter has measured
+_MEASURED_AIR = 3.0  # tolerance of the air's temperature if it is measured before each run [K]
 
 
 def heat_margins(schedule: ActuationSchedule, rig: Rig) -> HeatMargins:
@@ -33,7 +38,7 @@ def heat_margins(schedule: ActuationSchedule, rig: Rig) -> HeatMargins:
             return False
         return True
 
-    peak, stroke = _coldest(schedule, rig)
+    peak, stroke = coldest_peak_and_stroke(schedule, rig)
     return HeatMargins(
         current_a=_largest_allowed(
             lambda more: holds(current=allowed.current + more / nominal), *_CURRENT_SEARCH
@@ -59,7 +64,54 @@ def describe_margins(margins: HeatMargins, rig: Rig) -> str:
     )
 
 
-def _coldest(schedule: ActuationSchedule, rig: Rig) -> tuple[float, float]:
+def rigs_with_narrower_tolerances(schedule: ActuationSchedule, rig: Rig) -> Iterator[Rig]:
+    """The rig with the current measured to 2 %, with air within 3 K of `springs.ambient_c`, and with both.
+
+    Each has the highest current limit, in steps of 0.05 A, with which `schedule` keeps the limits; where that
+    is not higher than the rig's own, or its tolerances are as narrow already, none is yielded.
+    """
+    own, air = rig.tolerances, rig.springs.ambient_c
+    current = {"current": min(own.current, _MEASURED_CURRENT)}
+    room = {
+        "ambient_min_c": max(own.ambient_min_c, air - _MEASURED_AIR),
+        "ambient_max_c": min(own.ambient_max_c, air + _MEASURED_AIR),
+    }
+    found: list[dict[str, float]] = []
+    for changed in (current, room, current | room):
+        narrower = own.model_copy(update=changed)
+        if narrower != own and changed not in found:
+            found.append(changed)
+            other = _with_highest_current(schedule, rig.model_copy(update={"tolerances": narrower}))
+            if other is not None:
+                yield other
+
+
+def _with_highest_current(schedule: ActuationSchedule, rig: Rig) -> Rig | None:
+    """The rig with the highest current limit that the schedule allows; None if its own is the highest."""
+    springs, (search, tolerance) = rig.spring_parameters(), _LIMIT_SEARCH
+    own = springs.current_limit
+    if rig.supply.outputs == "each":  # beyond this its voltage limits a spring's current
+        ohms = springs.resistance + springs.lead_resistance
+        search = min(search, springs.supply_voltage / ohms - own)
+
+    def with_limit(current: float) -> Rig:
+        return rig.model_copy(
+            update={"supply": rig.supply.model_copy(update={"current_limit_a": round(current, 2)})}
+        )
+
+    def holds(more: float) -> bool:
+        try:
+            check_schedule(schedule, with_limit(own + more))
+        except LimitError:
+            return False
+        return True
+
+    highest = own + _largest_allowed(holds, search, tolerance)
+    highest = _LIMIT_STEP * math.floor(highest / _LIMIT_STEP + 1e-6)
+    return with_limit(highest) if highest > own + _LIMIT_STEP / 2 else None
+
+
+def coldest_peak_and_stroke(schedule: ActuationSchedule, rig: Rig) -> tuple[float, float]:
     """Peak temperature [C] and used part of the stroke of springs in the coldest corner."""
     springs = coldest_springs(rig)
     on = scale_by_shares(on_fractions(schedule.pulses(), schedule.period_s), power_shares(rig, springs))

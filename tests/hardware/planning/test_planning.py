@@ -5,29 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eldir.benchmark.built import walkers
-from eldir.built import samples
-from eldir.built.gait import free_lengths
 from eldir.built.heat import HeatModel
-from eldir.built.robot import build
-from eldir.built.samples import NominalRobots, SampledWalks
-from eldir.built.walking import displacements
+from eldir.built.samples import SampledWalks
 from eldir.lattice import Lattice
-from eldir.parameters.printed import BuiltParameters
-from eldir.parameters.robot import RobotParameters
-from eldir.terrain import Terrain
 from eldir_hardware.planning import plan as planning
 from eldir_hardware.planning.compiler import compile_schedule
 from eldir_hardware.planning.plan import (
-    describe_tolerances,
     describe_walk,
     draw_heat,
     find_timing,
     predict_cycle,
-    simulate_tolerances,
 )
 from eldir_hardware.rig.supply import LimitError
-from eldir_hardware.schedule import PredictedWalk, SchedulePrediction, ToleranceWalks
+from eldir_hardware.schedule import PredictedWalk, SchedulePrediction
 from tests.eldir.random_design import make_design
 from tests.hardware.rigs_and_schedules import gait, rig_with
 from tests.raised import raises
@@ -101,65 +91,3 @@ def test_how_many_fall_is_said():
     fallen = ("falls over, folds until parts touch, or buckles a coil", "all of 4 sampled robots")
     older = PredictedWalk.from_json({"mean": None, "builds": 4})
     assert describe_walk(PredictedWalk(samples=4)) == describe_walk(older) == fallen
-
-
-def test_walks_at_the_ends_of_the_tolerances() -> None:
-    """Each end with its springs written out; a robot that lost half of its walk is not told as a good one."""
-    robot, nominal = walkers()[0], RIG.spring_parameters()
-    hubs = BuiltParameters().with_hubs()
-    found = simulate_tolerances(NominalRobots(robot.body, RobotParameters(hubs, nominal)), robot.gait, RIG)
-
-    def walk_with(current: float, air: float, ambient: float) -> float:
-        springs = replace(
-            nominal,
-            current_limit=3.45 * current,
-            supply_voltage=11.0 * current,
-            convection_fan=150.0 * air,
-            ambient=ambient,
-        )
-        table = free_lengths(robot.gait, springs, 5, hubs=robot.body.motor_hubs)
-        one = build(robot.body, RobotParameters(hubs, springs)).coarse()
-        return float(displacements([one], [table], 5, (nominal.cold_length, nominal.hot_length))[0])
-
-    ends = {
-        found.nominal: (1, 1, 22),
-        found.current[0]: (0.95, 1, 22),
-        found.current[1]: (1.05, 1, 22),
-        found.convection[0]: (1, 0.9, 22),
-        found.convection[1]: (1, 1.1, 22),
-        found.room[0]: (1, 1, 18),
-        found.room[1]: (1, 1, 30),
-        found.coldest: (0.95, 1.1, 18),
-    }
-    for walk, end in ends.items():
-        assert walk == pytest.approx(walk_with(*end), abs=1e-5), end
-    assert found.coldest < found.nominal / 2
-
-
-STEP = Terrain(np.array([-1.0, 0.06, 0.12]), np.array([0.0, 0.1, 0.0]), np.array([0.0, -0.006, 0.006]))
-
-
-@pytest.mark.parametrize("ground", [None, STEP], ids=["table", "step"])
-def test_robots_are_coarse_on_a_table_alone(ground: Terrain | None, monkeypatch: pytest.MonkeyPatch) -> None:
-    """On a terrain coarse robots walk otherwise."""
-    monkeypatch.setattr(samples, "CYCLES", 1)
-    robot, parameters = walkers()[0], RobotParameters(springs=RIG.spring_parameters())
-    found = simulate_tolerances(NominalRobots(robot.body, parameters, terrain=ground), robot.gait, RIG)
-    whole = build(robot.body, parameters)
-    table = free_lengths(robot.gait, parameters.springs, 1)
-    exact, coarse = (
-        float(displacements([one], [table], 1, parameters.free_lengths, terrain=ground)[0])
-        for one in (whole, whole.coarse())
-    )
-    assert abs(exact - coarse) > 2e-5
-    assert found.nominal == pytest.approx(coarse if ground is None else exact, abs=1e-6)
-
-
-def test_the_tolerances_of_a_walk_in_one_line() -> None:
-    walks = ToleranceWalks(1.5, (0.9, 1.7), (1.6, 1.2), (1.1, None), 0.4)
-    assert describe_tolerances(walks, RIG) == (
-        "walk at the ends of the rig file's tolerances: current -5%: +0.90, +5%: +1.70; "
-        "cooling -10%: +1.60, +10%: +1.20; air 18 C: +1.10, 30 C: falls; "
-        "least current, most cooling and coldest air together: +0.40; with the file's values: +1.50"
-    )
-    assert ToleranceWalks.from_json(walks.to_json()) == walks

@@ -15,8 +15,14 @@ from eldir_hardware.planning.plan import find_timing
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.supply import coldest_springs, worst_springs
 from eldir_hardware.rig.template import virtual_rig
-from eldir_hardware.safety.limits import LimitError, check_heat, max_on_time
-from eldir_hardware.safety.margins import _coldest, _largest_allowed, describe_margins, heat_margins
+from eldir_hardware.safety.limits import LimitError, check_heat, check_schedule, max_on_time
+from eldir_hardware.safety.margins import (
+    _largest_allowed,
+    coldest_peak_and_stroke,
+    describe_margins,
+    heat_margins,
+    rigs_with_narrower_tolerances,
+)
 from eldir_hardware.safety.worst_heat import run_until_periodic
 from eldir_hardware.schedule import ActuationSchedule, HeatMargins, SchedulePrediction
 from tests.hardware.rigs_and_schedules import RIG, SCHEDULE, gait, measured, rig_with
@@ -117,7 +123,7 @@ def test_margins_are_searched_up_to_2_amperes_40_degrees_and_6_seconds():
 def test_the_coldest_corner_is_told_of_the_spring_that_moves_least():
     """The peak is that of the longer pulse, the part of the stroke that of the shorter one."""
     both, long, short = (
-        _coldest(compile_schedule(gait(duty=duty), LOW), LOW)
+        coldest_peak_and_stroke(compile_schedule(gait(duty=duty), LOW), LOW)
         for duty in ((0.275, 0.2), (0.275, 0.0), (0.2, 0.0))
     )
     assert both == (long[0], short[1]) and long[0] > short[0] + 1 and long[1] > short[1] + 0.05
@@ -277,3 +283,29 @@ def test_what_is_far_too_hot_is_not_followed_further(monkeypatch):
     on = np.zeros((40, 2))
     on[:30, 1] = 1.0
     assert run_until_periodic(on, 0.05, springs, 50.0).temperature.max() > 55 and len(steps) == 1
+
+
+@pytest.mark.parametrize("rig", [LOW, rig_with()], ids=["thermal", "timer"])
+def test_measured_values_allow_the_highest_current_that_keeps_the_limits(rig):
+    """By the independent model: below 90 C in their worst corner, and the next step is refused."""
+    schedule, own = compile_schedule(gait(duty=(0.27, 0.27)), rig), rig.supply.current_limit_a
+    found = list(rigs_with_narrower_tolerances(schedule, rig))
+    currents = [other.supply.current_limit_a for other in found]
+    assert len(found) == 3 and own < min(currents) and max(currents) == currents[2] <= own + 0.8
+    for other, current in zip(found, currents, strict=True):
+        assert current == round(20 * current) / 20
+        allowed = other.tolerances
+        corner = HOTTEST._replace(ambient=allowed.ambient_max_c, current=1 + allowed.current)
+        pulses = {1: [(20.0 * k, 20.0 * k + 5.5) for k in range(4)]}  # a step longer than scheduled
+        assert peak(pulses, wire(other, corner)) < 90.1
+        with pytest.raises(LimitError):
+            supply = other.supply.model_copy(update={"current_limit_a": current + 0.05})
+            check_schedule(schedule, other.model_copy(update={"supply": supply}))
+
+
+def test_nothing_is_advised_that_is_known_or_of_no_use():
+    schedule = compile_schedule(gait(duty=(0.1, 0.1)), RIG)
+    known = rig_with(tolerances={"current": 0.02, "ambient_min_c": 20.0, "ambient_max_c": 24.0})
+    assert list(rigs_with_narrower_tolerances(schedule, known)) == []
+    by_voltage = rig_with(supply={"voltage_v": 3.5})
+    assert list(rigs_with_narrower_tolerances(schedule, by_voltage)) == []
