@@ -19,9 +19,9 @@ from eldir.parameters.robot import RobotParameters
 from eldir.parameters.tolerances import RigTolerances
 from eldir.parameters.uncertain import PARAMETERS
 from eldir.trajectory import Trajectory
+from eldir_calibration.comparison.meters import read_meters
 from eldir_calibration.report.comparison import Motion
 from eldir_calibration.report.controls import INTACT
-from eldir_hardware.current_sensor import CHIPS
 from eldir_hardware.log.mcap_file import find_log, fingerprint
 from eldir_hardware.log.reader import RunLog, read_attachment, read_log
 from eldir_hardware.rig.configuration import Rig
@@ -32,8 +32,6 @@ _MAX_MISSING_SHARE = 0.25
 _ROOM_ERROR = 1.0
 """How far the air may be from what was measured before the run, two standard deviations [C]: a thermometer is
 right to half a degree, and a room changes."""
-_HEATING = 0.5
-"""Part of the nominal current above which a measurement counts as that of a spring that heats."""
 T = TypeVar("T")
 
 
@@ -44,7 +42,7 @@ class MeasuredConditions:
     room_c: float | None = None
     """Temperature of the air before the run [C]; None if it was not measured."""
     current_a: float | None = None
-    """Median current of the springs while they heat [A]; None without a current sensor."""
+    """Mean current of the springs while they heat [A]; None if it was not measured."""
     current_error: float = 0.0
     """Largest relative error of that current."""
 
@@ -199,15 +197,10 @@ def read_run(path: Path) -> LoggedRun:
 def _measured_conditions(log: RunLog, rig: Rig) -> MeasuredConditions:
     """What the log measured of the air and of the current."""
     found = MeasuredConditions(room_c=log.room_c)
-    if rig.sensor is None or rig.supply.outputs == "shared" or not log.currents.size:
+    readings = None if rig.supply.outputs == "shared" else read_meters([(log, rig)], hot=False)
+    if readings is None:
         return found
-    nominal = float(rig.spring_parameters().current(0.0))
-    heating = log.currents[log.currents > _HEATING * nominal]
-    if not len(heating):
-        return found
-    current = float(np.median(heating))
-    error = CHIPS[rig.sensor.kind].current_error(rig.sensor.shunt_ohm, rig.sensor.shunt_tolerance, current)
-    return replace(found, current_a=current, current_error=error / current)
+    return replace(found, current_a=readings.current_a, current_error=readings.current_error)
 
 
 def open_run(path: Path, design: Design) -> LoggedRun:

@@ -8,19 +8,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from eldir.built.gait import FilmedGait, Gait
 from eldir.built.scene import PrintedScene
 from eldir.built.screening import candidate_gaits
 from eldir.core.files import new_folder, write_bytes
 from eldir.core.pictures import png
-from eldir.core.records import BoolArray, FloatArray
 from eldir.core.version import __version__
 from eldir.design import Design
 from eldir.errors import InputError
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
+from eldir_calibration.comparison.meters import MeterReadings, read_meters
 from eldir_calibration.comparison.motions import track_run
 from eldir_calibration.comparison.recorded_run import LoggedRun, open_runs
 from eldir_calibration.dynamics import figures as dynamics_figures
@@ -35,89 +33,11 @@ from eldir_calibration.dynamics.recording import (
 )
 from eldir_calibration.dynamics.results import identify_robot
 from eldir_calibration.report.comparison import Motion
-from eldir_hardware.current_sensor import CHIPS
 from eldir_hardware.planning.compiler import extract_gait
-from eldir_hardware.rig.configuration import Rig
 
-_HOT_MARGIN = 3.0  # below the austenite finish: at most a tenth is still martensite [K]
-_SETTLING_TIME = 0.5  # a current counts from this time after its contact closed [s]
-_TIME_TOLERANCE = 1e-6  # reports and measurements with times this close belong together [s]
-_UNIFORM_FACTOR = np.sqrt(3.0)  # the largest error by the standard deviation, where all within are as likely
 OTHER_JOINTS = (BuiltParameters().with_hubs(), BuiltParameters.clamped())
 """Joints that are tried where pins do not explain the films: hubs, then strips clamped in their hexagons."""
 _ATTRIBUTION_STEP, _EXPERIMENT_STEP = "figures: what explains the motion", "figures: what to film next"
-
-
-class MeterReadings(NamedTuple):
-    """Means over hot springs."""
-
-    current_a: float
-    """[A]."""
-    voltage_v: float
-    """Across a spring, without its leads [V]."""
-    error: float
-    """Standard deviation of both, relative, by the sensor's data sheet and its shunts."""
-    pulses: int
-    """Pulses in which a spring was hot."""
-
-
-def read_meters(runs: Sequence[LoggedRun]) -> MeterReadings | None:
-    """The mean of the springs' means over all runs; None where no current was measured in a hot spring.
-
-    A spring counts as hot from `_HOT_MARGIN` below its austenite finish by the model. On a shared supply it
-    counts only while it heats alone, as the others take from its current.
-    """
-    means: dict[tuple[int, str], list[tuple[float, float]]] = {}
-    errors, pulses = [], 0
-    for run in runs:
-        for column, (hot, count) in _hot_measurements(run).items():
-            place = (run.rig.channels[column].spring, run.rig.channels[column].face)
-            amperes, volts = run.log.currents[hot, column].mean(), run.log.voltages[hot, column].mean()
-            means.setdefault(place, []).append((float(amperes), float(volts)))
-            errors.append(_meter_error(run.rig, float(amperes), float(volts)))
-            pulses += count
-    if not means:
-        return None
-    current, voltage = np.mean([np.mean(found, axis=0) for found in means.values()], axis=0)
-    return MeterReadings(float(current), float(voltage), max(errors), pulses)
-
-
-def _hot_measurements(run: LoggedRun) -> dict[int, tuple[BoolArray, int]]:
-    """For each spring: which measurements are of it while hot, shape (L,), and in how many pulses."""
-    log, rig = run.log, run.rig
-    if rig.sensor is None or not len(log.current_times):
-        return {}
-    reports = np.searchsorted(log.relay_times, log.current_times - _TIME_TOLERANCE)
-    modelled = np.searchsorted(log.temperature_times, log.current_times - _TIME_TOLERANCE)
-    channels = [entry.channel - 1 for entry in rig.channels]
-    together = log.relays[reports][:, channels].sum(axis=1)
-    found = {}
-    for column, channel in enumerate(channels):
-        since = _closed_since(log.relay_times, log.relays[:, channel])[reports]
-        hot = log.current_times - since >= _SETTLING_TIME
-        hot &= log.temperatures[modelled, column] >= rig.springs.austenite_finish_c - _HOT_MARGIN
-        hot &= np.isfinite(log.currents[:, column])
-        if rig.supply.outputs == "shared":
-            hot &= together == 1
-        if hot.any():
-            found[column] = (hot, len(np.unique(since[hot])))
-    return found
-
-
-def _closed_since(times: FloatArray, closed: BoolArray) -> FloatArray:
-    """For each report: time of the first report of the pulse that it belongs to [s]; infinite where open."""
-    since, begun = np.full(len(times), np.inf), np.inf
-    for i, is_closed in enumerate(closed):
-        begun = min(begun, times[i]) if is_closed else np.inf
-        since[i] = begun
-    return since
-
-
-def _meter_error(rig: Rig, current: float, voltage: float) -> float:
-    assert rig.sensor is not None  # it measured
-    chip, sensor = CHIPS[rig.sensor.kind], rig.sensor
-    current_error = chip.current_error(sensor.shunt_ohm, sensor.shunt_tolerance, current) / current
-    return float(max(current_error, chip.voltage_error(voltage) / voltage) / _UNIFORM_FACTOR)
 
 
 class RobotFilms(NamedTuple):
@@ -180,7 +100,7 @@ def read_films(
             if (s := read_filmed_gait(log, film)) is not None
         ],
         {"eldir": __version__, "logs": [path.name for path in paths], "rig": first.rig.name},
-        read_meters(runs),
+        read_meters([(run.log, run.rig) for run in runs], hot=True),
     )
 
 

@@ -11,12 +11,9 @@ import pytest
 import yaml
 from rosbags.highlevel import AnyReader
 
-from eldir.design import Design
 from eldir.errors import EldirError
-from eldir.lattice import Lattice
 from eldir_app.doctor import examine
-from eldir_calibration.comparison.recorded_run import LoggedRun
-from eldir_calibration.identification.identification import read_meters
+from eldir_calibration.comparison.meters import read_meters
 from eldir_hardware.clock import WallClock
 from eldir_hardware.current_sensor import CHIPS
 from eldir_hardware.emulator.current_sensor import EmulatedCurrentSensor
@@ -30,7 +27,6 @@ from eldir_hardware.run.drive import drive_rig, to_dry_run
 from eldir_hardware.safety.compatibility import with_digests
 from eldir_hardware.virtual import rig as virtual_module
 from eldir_hardware.virtual.rig import VirtualRig
-from tests.eldir.random_design import make_design
 from tests.hardware.emulated_rigs import rig_file, run
 from tests.hardware.rigs_and_schedules import gait, rig_text
 
@@ -117,9 +113,7 @@ def test_readings_are_those_of_the_hidden_springs(tmp_path, kind):
     """Their mean current and voltage while hot, within three of the standard deviations that are given."""
     sensor = {"kind": kind, "lead_ohm": 0.03}
     log, rig, _ = driven(tmp_path, sensor=sensor, virtual={"seed": 7}, **MEASURED_WELL)
-    design = Design.from_json(make_design(3, Lattice(3, 6)).to_json())
-    schedule = SimpleNamespace()
-    found = read_meters([LoggedRun(design, schedule, rig, log=log)])
+    found = read_meters([(log, rig)], hot=True)
     with VirtualRig(rig, SimpleNamespace()) as virtual:
         springs = virtual.springs.parameters
     amperes = np.mean([s.current(0.0) for s in springs])
@@ -131,12 +125,15 @@ def test_readings_are_those_of_the_hidden_springs(tmp_path, kind):
     )
     assert found.pulses == 4 and 0.006 < found.error < 0.012
     shared = rig.model_copy(update={"supply": rig.supply.model_copy(update={"outputs": "shared"})})
-    assert read_meters([LoggedRun(design, schedule, shared, log=log)]) is None, "two faces heat together"
+    assert read_meters([(log, shared)], hot=True) is None, "two faces heat together"
     cold = replace(log, temperatures=log.temperatures - 40)
-    assert read_meters([LoggedRun(design, schedule, rig, log=cold)]) is None
-    assert (
-        read_meters([LoggedRun(design, schedule, rig.model_copy(update={"sensor": None}), log=log)]) is None
-    )
+    assert read_meters([(cold, rig)], hot=True) is None
+    warming = read_meters([(cold, rig)], hot=False)
+    assert warming is not None and warming.pulses == found.pulses
+    assert warming.current_a == pytest.approx(amperes, rel=warming.current_error)
+    off = replace(log, currents=0.0005 * log.currents)
+    assert read_meters([(off, rig)], hot=False) is None, "a rehearsal with the supply switched off"
+    assert read_meters([(log, rig.model_copy(update={"sensor": None}))], hot=True) is None
 
 
 @pytest.fixture

@@ -1,0 +1,97 @@
+"""Current and voltage of the springs by a rig's current sensor, from logs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from eldir.core.records import BoolArray, FloatArray
+from eldir_hardware.current_sensor import CHIPS
+from eldir_hardware.log.reader import RunLog
+from eldir_hardware.rig.configuration import Rig
+
+_HOT_MARGIN = 3.0  # below the austenite finish: at most a tenth is still martensite [K]
+_SETTLING_TIME = 0.5  # a current counts from this time after its contact closed [s]
+_TIME_TOLERANCE = 1e-6  # reports and measurements with times this close belong together [s]
+_UNIFORM_FACTOR = np.sqrt(3.0)  # the largest error by the standard deviation, where all within are as likely
+
+
+class MeterReadings(NamedTuple):
+    """Means over springs while they heat."""
+
+    current_a: float
+    """[A]."""
+    voltage_v: float
+    """Across a spring, without its leads [V]."""
+    current_error: float
+    """Largest relative error of the current, by the sensor's data sheet and its shunts."""
+    voltage_error: float
+    """Largest relative error of the voltage."""
+    pulses: int
+    """Pulses in which a spring was measured."""
+
+    @property
+    def error(self) -> float:
+        """Standard deviation of current and voltage, relative."""
+        return float(max(self.current_error, self.voltage_error) / _UNIFORM_FACTOR)
+
+
+def read_meters(runs: Sequence[tuple[RunLog, Rig]], *, hot: bool) -> MeterReadings | None:
+    """The mean of the springs' means over all runs, each a log and its rig; None where nothing was measured.
+
+    `hot`: only springs that are hot by the model, from `_HOT_MARGIN` below their austenite finish, because
+    the voltage depends on the phase. On a shared supply a spring counts only while it heats alone, as the
+    others take from its current. A current that the sensor cannot distinguish from zero is none: the supply
+    was off.
+    """
+    means: dict[tuple[int, str], list[tuple[float, float]]] = {}
+    current_errors, voltage_errors, pulses = [], [], 0
+    for log, rig in runs:
+        for column, (counts, count) in _find_measurements(log, rig, hot).items():
+            place = (rig.channels[column].spring, rig.channels[column].face)
+            amperes, volts = (float(values[counts, column].mean()) for values in (log.currents, log.voltages))
+            means.setdefault(place, []).append((amperes, volts))
+            assert rig.sensor is not None  # it measured
+            chip, sensor = CHIPS[rig.sensor.kind], rig.sensor
+            error = chip.current_error(sensor.shunt_ohm, sensor.shunt_tolerance, amperes)
+            current_errors.append(error / amperes)
+            voltage_errors.append(chip.voltage_error(volts) / volts)
+            pulses += count
+    if not means:
+        return None
+    current, voltage = np.mean([np.mean(found, axis=0) for found in means.values()], axis=0)
+    return MeterReadings(float(current), float(voltage), max(current_errors), max(voltage_errors), pulses)
+
+
+def _find_measurements(log: RunLog, rig: Rig, hot: bool) -> dict[int, tuple[BoolArray, int]]:
+    """For each spring: which measurements are of it while it heats, shape (L,), and in how many pulses."""
+    if rig.sensor is None or not len(log.current_times):
+        return {}
+    reports = np.searchsorted(log.relay_times, log.current_times - _TIME_TOLERANCE)
+    modelled = np.searchsorted(log.temperature_times, log.current_times - _TIME_TOLERANCE)
+    zero_current = CHIPS[rig.sensor.kind].zero_current(rig.sensor.shunt_ohm)
+    channels = [entry.channel - 1 for entry in rig.channels]
+    together = log.relays[reports][:, channels].sum(axis=1)
+    found = {}
+    for column, channel in enumerate(channels):
+        since = _closed_since(log.relay_times, log.relays[:, channel])[reports]
+        counts = log.current_times - since >= _SETTLING_TIME
+        counts &= log.currents[:, column] > zero_current  # false for one that is not measured
+        if hot:
+            counts &= log.temperatures[modelled, column] >= rig.springs.austenite_finish_c - _HOT_MARGIN
+        if rig.supply.outputs == "shared":
+            counts &= together == 1
+        if counts.any():
+            found[column] = (counts, len(np.unique(since[counts])))
+    return found
+
+
+def _closed_since(times: FloatArray, closed: BoolArray) -> FloatArray:
+    """For each report: time of the first report of the pulse that it belongs to [s]; infinite where open."""
+    since, begun = np.full(len(times), np.inf), np.inf
+    for i, is_closed in enumerate(closed):
+        begun = min(begun, times[i]) if is_closed else np.inf
+        since[i] = begun
+    return since
