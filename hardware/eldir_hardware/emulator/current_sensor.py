@@ -249,7 +249,7 @@ class EmulatedCurrentSensor(EmulatedBoard):
         seed: int = 1,
     ):
         super().__init__(0, clock)
-        rng = np.random.default_rng([seed, 5])
+        rng = np.random.default_rng([seed, 8])  # the rig's supply and air have stream 5
         chip, inputs = _KINDS[kind]
         self.i2c = EmulatedI2c(MicrocontrollerClock(clock))
         for number, first in enumerate(range(0, len(channels), inputs)):
