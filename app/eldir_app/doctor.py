@@ -28,8 +28,10 @@ from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.devices import get_requirements, open_board
 from eldir_hardware.rig.sections import LiveCameraEntry
 from eldir_hardware.rig.supply import find_implausible_springs, worst_springs
+from eldir_hardware.run.room import show_thermometer
 from eldir_hardware.safety.compatibility import PacketWiring, compare_wiring, packet_wiring
 from eldir_hardware.safety.latch import LatchedError, require_unlatched
+from eldir_hardware.safety.limits import check_room
 from eldir_hardware.safety.worst_heat import stuck_temperature
 
 _MIN_FRAME_RATE_HZ = 5.0
@@ -85,6 +87,8 @@ def examine(
         if rig.sensor is not None and rig.sensor.port is not None:
             port = check_port(rig.sensor.port)
             findings.append(check_sensor(rig) if port.ok else port._replace(subject="current sensor"))
+    if rig.thermometer is not None:
+        findings.append(check_thermometer(rig))
     if camera is not None:
         findings += check_camera(camera)
     if rig.notify:
@@ -279,6 +283,16 @@ def check_sensor(rig: Rig) -> Finding:
     if {c.channel for c in rig.channels} - set(rig.measured_channels):
         return Finding("current sensor", False, f"{text}: add inputs")
     return Finding("current sensor", True, str(text))
+
+
+def check_thermometer(rig: Rig) -> Finding:
+    """What the thermometer shows, and whether limits are checked for air of this temperature."""
+    try:
+        shown = show_thermometer(rig)
+        check_room(rig, shown)
+    except EldirError as error:
+        return Finding("thermometer", False, str(error))
+    return Finding("thermometer", True, f"the air has {shown:.1f} C, within the tolerances")
 
 
 def check_clock() -> Finding:

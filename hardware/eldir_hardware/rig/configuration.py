@@ -39,6 +39,7 @@ from eldir_hardware.rig.sections import (
     SensorEntry,
     SpringEntry,
     SupplyEntry,
+    ThermometerEntry,
     TimerEntry,
     ToleranceEntry,
     VirtualCameraEntry,
@@ -87,6 +88,8 @@ class Rig(Section):
     spring that is held on for ever stays below `limits.max_temperature_c`."""
     sensor: SensorEntry | None = None
     """The current sensor; null: there is none."""
+    thermometer: ThermometerEntry | None = None
+    """The thermometer in the air around the springs; null: there is none."""
     limits: LimitEntry = LimitEntry()
     """Limits that no schedule may exceed."""
     camera: Annotated[VirtualCameraEntry | LiveCameraEntry, Field(discriminator="kind")] | None = None
@@ -135,6 +138,8 @@ class Rig(Section):
             raise ValueError(f"a {self.kind} rig cannot have a {self.camera.kind} camera")
         if self.sensor is not None:
             self._require_consistent_sensor(self.sensor)
+        if self.kind == "real" and self.thermometer is not None and self.thermometer.path is None:
+            raise ValueError("a real thermometer needs its file: thermometer.path")
         return self
 
     def _require_consistent_sensor(self, sensor: SensorEntry) -> None:

@@ -257,6 +257,16 @@ class SensorEntry(Section):
         return kind
 
 
+class ThermometerEntry(Section):
+    """A thermometer in the air around the springs, read before each run."""
+
+    kind: Literal["w1"]
+    """A DS18B20 on the 1-wire bus of this computer."""
+    path: Annotated[str, Field(pattern="^/")] | None = None
+    """Its file, such as /sys/bus/w1/devices/28-.../temperature, in thousandths of a degree; a virtual rig has
+    its own thermometer."""
+
+
 class LimitEntry(Section):
     """Limits that no schedule may exceed."""
 

@@ -49,6 +49,7 @@ tolerances: {current: 0.05, ambient_min_c: 18, ambient_max_c: 30, convection_tol
 # fan: {interlocked: true}
 # cutoff: {kind: timer, max_on_s: 6.3}
 # sensor: {kind: ina226, port: /dev/serial/by-path/..., shunt_ohm: 0.01}
+# thermometer: {kind: w1, path: /sys/bus/w1/devices/28-.../temperature}
 limits: {max_temperature_c: 90, max_on_s: 6.0, min_off_s: 8.0}
 # camera: {kind: live, device: camera:0, rate_hz: 30, width: 640, height: 480, plane: plane.json}
 # marker: discs
@@ -61,6 +62,7 @@ tolerances: {{current: 0.05, ambient_min_c: 18, ambient_max_c: 30, convection_to
 fan: {{interlocked: true}}
 cutoff: {{kind: timer, max_on_s: 6.3}}
 # sensor: {{kind: ina226, shunt_ohm: 0.01}}
+# thermometer: {{kind: w1}}
 limits: {{max_temperature_c: 90, max_on_s: 6.0, min_off_s: 8.0}}
 camera: {{kind: virtual, rate_hz: 10}}
 # marker: discs

@@ -30,6 +30,7 @@ from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.sections import LiveCameraEntry, VirtualCameraEntry
 from eldir_hardware.run.filming import CameraFiles, FilmLog, LiveCamera, record_frames, virtual_camera
 from eldir_hardware.run.player import Player, RunResult
+from eldir_hardware.run.room import MeasuredRoom, measure_room
 from eldir_hardware.safety import limits
 from eldir_hardware.safety.compatibility import (
     compare_wiring,
@@ -54,9 +55,12 @@ class DriveConfig:
     accept_mismatch: str = ""
     """Reason to play a schedule of another design or for other rig values; it is written into the log."""
     room_c: float | None = None
-    """Temperature of the air around the springs, measured before the run [C]; it is written into the log."""
+    """Temperature of the air around the springs, measured before the run [C]; it is written into the log.
+    None: the rig's thermometer measures it, if there is one."""
     on_time: Callable[[float], None] = lambda t: None
     """Called with the time of each report [s since the start of the schedule]."""
+    on_room: Callable[[MeasuredRoom], None] = lambda room: None
+    """Called with what was measured of the air before the run."""
     on_body: Callable[[BodyFrame], None] = lambda frame: None
     """Called with the true positions of a virtual robot in every frame; the log does not contain them."""
     on_rest: Callable[[float], None] = lambda seconds: None
@@ -107,15 +111,16 @@ def drive_rig(
             remedy="give --design, or name it in the rig file under virtual.design",
         )
     limits.check_schedule(schedule, rig)
-    limits.check_room(rig, config.room_c)
+    room = measure_room(rig, config.room_c)
+    config.on_room(room)
     facts = {"rig_sha256": rig.digest, "schedule_sha256": schedule_digest(schedule)}
     if design is not None:
         facts["design_sha256"] = design_digest(design)
     accepted = require_compatible(schedule, rig, design, config.accept_mismatch)
     if accepted is not None:
         facts["accepted"] = accepted
-    if config.room_c is not None:
-        facts[ROOM] = f"{config.room_c:g}"
+    if room.room_c is not None:
+        facts[ROOM] = f"{room.room_c:g}"
     wiring = compare_wiring(rig, packet_wiring(design_path, count_motors(schedule, rig)))
     calibration = CameraFiles.load(rig, rig_path)
     with open_rig(rig, design, schedule, config.on_body) as opened:
@@ -140,7 +145,7 @@ def drive_rig(
                     def begin(start: float) -> None:
                         if not virtual_time:
                             writer.begin_at(time.time_ns() + round(1e9 * (start - opened.clock.now())))
-                        _log_facts(writer, facts, wiring)
+                        _log_facts(writer, facts, wiring, room)
                         begin_filming(start)
 
                     result = player.play(earliest, begin, config.on_rest)
@@ -171,6 +176,7 @@ def to_dry_run(rig: Rig) -> Rig:
         "virtual": rig.virtual.model_copy(update={"clock": "virtual"}),
         "camera": rig.camera if isinstance(rig.camera, VirtualCameraEntry) else None,
         "sensor": None if rig.sensor is None else rig.sensor.model_copy(update={"port": None}),
+        "thermometer": None if rig.thermometer is None else rig.thermometer.model_copy(update={"path": None}),
         "notify": (),
     }
     return rig.model_copy(update=changes)
@@ -202,14 +208,14 @@ def _filming(opened: OpenedRig, log: _Writer, latest: _LatestTime) -> Iterator[C
             log.on_status(latest.t, "virtual rig", remark, good=False)
 
 
-def _log_facts(log: _Writer, facts: dict[str, str], wiring: str) -> None:
+def _log_facts(log: _Writer, facts: dict[str, str], wiring: str, room: MeasuredRoom) -> None:
     """Record the digests of the run's files, an accepted mismatch, and another wiring than the packet's."""
     digests = "; ".join(f"{name} {facts[name]}" for name in facts if name not in ("accepted", ROOM))
     log.on_status(0.0, "files", digests, facts)
     if "accepted" in facts:
         log.on_status(0.0, "files", f"the schedule was {facts['accepted']}", good=False)
-    if ROOM in facts:
-        log.on_status(0.0, "room", f"the air was measured before the run: {facts[ROOM]} C")
+    if room.text:
+        log.on_status(0.0, "room", room.text, good=not room.is_doubtful)
     if wiring:
         log.on_status(0.0, "files", f"not wired as the packet says: {wiring}")
 

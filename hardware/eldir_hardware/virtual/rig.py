@@ -23,6 +23,7 @@ from eldir_hardware.emulator.current_sensor import EmulatedCurrentSensor, Shunts
 from eldir_hardware.relay.board import RelayBoard
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.devices import connect_sensor, get_driver, get_emulator
+from eldir_hardware.thermometer import ERROR_K, STEP_K
 from eldir_hardware.virtual.springs import STEP, ThermalSprings
 
 
@@ -55,6 +56,12 @@ class DrivenBody(Protocol):
 def room_temperature(rig: Rig) -> float:
     """Temperature of the air around the springs of a virtual rig, which depends on its seed [C]."""
     return rig.spring_tolerances().perturb_by_seed(rig.spring_parameters(), rig.virtual.seed).ambient
+
+
+def shown_temperature(rig: Rig) -> float:
+    """What a thermometer at a virtual rig shows [C], with its error, which depends on the seed."""
+    error = np.random.default_rng([rig.virtual.seed, 7]).uniform(-ERROR_K, ERROR_K)
+    return STEP_K * round((room_temperature(rig) + error) / STEP_K)
 
 
 class VirtualRig:

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from eldir_hardware.rig.configuration import Rig
     from eldir_hardware.run.drive import DriveConfig
     from eldir_hardware.run.player import Player, RunResult
+    from eldir_hardware.run.room import MeasuredRoom
     from eldir_hardware.schedule import ActuationSchedule
 
 
@@ -39,7 +40,7 @@ def drive(
         float | None,
         typer.Option(
             help="Temperature of the air around the springs, measured before the run [C]. It is written into "
-            "the log, and `eldir report` predicts with it."
+            "the log, and `eldir report` predicts with it. Default: what the rig's thermometer shows."
         ),
     ] = None,
     accept_mismatch: Annotated[
@@ -70,10 +71,11 @@ def drive(
         design = schedule.parent / heating.provenance.design
     _print_notes(heating, rig, rig_file, design)
     driven = to_dry_run(rig) if dry_run else rig
-    if driven.kind == "virtual" and room is None and not dry_run:
-        from eldir_hardware.virtual.rig import room_temperature
+    if driven.kind == "virtual" and driven.thermometer is None and room is None and not dry_run:
+        from eldir_hardware.virtual.rig import shown_temperature
 
-        typer.echo(f"note: a thermometer at this virtual rig shows {room_temperature(rig):.1f} C; see --room")
+        shown = shown_temperature(driven)
+        typer.echo(f"note: a thermometer at this virtual rig shows {shown:.1f} C; see --room")
     if driven.kind == "real" and driven.board.port is not None:
         require_unlatched(driven.board.port)  # a run that cannot start leaves no log
     played = _play(heating, driven, rig_file, log, DriveConfig(design, accept_mismatch, room))
@@ -118,6 +120,12 @@ def _play(
         with obey_keys(player), obey_commands(player):
             yield
 
+    def on_room(room: MeasuredRoom) -> None:
+        if room.is_doubtful:
+            typer.echo(f"warning: {room.text}", err=True)
+        elif config.room_c is None and room.text:
+            typer.echo(f"note: {room.text}")
+
     def on_rest(seconds: float) -> None:
         typer.echo(
             f"note: the springs cool down from the last run: the schedule starts in {seconds:.0f} s",
@@ -134,6 +142,7 @@ def _play(
             replace(
                 config,
                 on_time=lambda t: progress.update(task, completed=t),
+                on_room=on_room,
                 on_rest=on_rest,
                 control=steer,
             ),
