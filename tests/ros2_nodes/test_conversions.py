@@ -21,6 +21,7 @@ from eldir_hardware.run.player import ContactEdge
 from eldir_hardware.schedule import ActuationSchedule, Event
 from eldir_ros.conversions import board, frames, header_of, marks, nanoseconds, pictures, robot, runs, time_of
 from tests.hardware.camera.lenses import lens_of
+from tests.hardware.rigs_and_schedules import SCHEDULE
 from tests.paths import NODES
 from tests.raised import raises
 from tests.ros2_nodes.message_types import new_message, passed, store
@@ -368,3 +369,10 @@ def test_the_boards_values_on_the_graph_are_the_logs_messages(rig, tmp_path):
     for topic, message in sent.items():
         kind, raw = kept[topic]
         assert bytes(store().serialize_cdr(message, kind)) == raw, topic
+
+
+def test_what_was_measured_of_the_air_goes_with_the_run():
+    for room in (None, 21.4375):
+        sent = runs.run_of(new_message, runs.RUNNING, "a", NOW, SCHEDULE, "", room)
+        assert runs.room_of(passed(sent, "eldir_msgs/msg/Run")) == room
+    assert runs.room_from(None) is None and runs.room_from(21) == 21.0

@@ -6,15 +6,26 @@ import time
 
 import pytest
 
+from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.safety.compatibility import with_digests
 from eldir_hardware.schedule import ActuationSchedule, Event
 from eldir_ros.conversions import runs
 from eldir_ros.remote.schedule_run import RunRequest, ScheduleRun
-from tests.hardware.emulated_rigs import wait
+from tests.hardware.emulated_rigs import rig_values, wait
 from tests.hardware.rigs_and_schedules import rig_with
 from tests.ros2_nodes.remote_boards import Board
 
-RIG = rig_with(limits={"min_off_s": 1.0}, cutoff={"max_on_s": 2.0})
+LIMITS, CUTOFF = {"min_off_s": 1.0}, {"max_on_s": 2.0}
+RIG = rig_with(limits=LIMITS, cutoff=CUTOFF)
+WITH_BROKEN_THERMOMETER = Rig.from_json(
+    rig_values(
+        "lcus",
+        "/dev/none",
+        limits=RIG.limits.model_dump(),
+        cutoff=RIG.cutoff.model_dump(),
+        thermometer={"kind": "w1", "path": "/sys/bus/w1/devices/28-none/temperature"},
+    )
+)
 SCHEDULE = with_digests(
     ActuationSchedule(
         1.5,
@@ -36,8 +47,9 @@ class Notes:
     def __init__(self):
         self.states, self.progress, self.messages = [], [], []
 
-    def on_state(self, state, start_ns, message, schedule):
+    def on_state(self, state, start_ns, message, schedule, room_c):
         assert schedule.period_s == SCHEDULE.period_s
+        self.room_c = room_c
         self.states.append((state, start_ns, message))
 
     def on_progress(self, progress):
@@ -54,9 +66,9 @@ def board():
     board.close()
 
 
-def play(board, text=TEXT, rig=RIG, lead=0.5, stopped="", accept="", client="tester", notes=None):
+def play(board, text=TEXT, rig=RIG, lead=0.5, stopped="", accept="", client="tester", notes=None, room=None):
     notes = notes or Notes()
-    request = RunRequest(lambda: runs.schedule_from(text), client, lead, accept)
+    request = RunRequest(lambda: runs.schedule_from(text), client, lead, accept, lambda: runs.room_from(room))
     return ScheduleRun(board.bank, notes, time.time_ns).play(request, rig, stopped), notes
 
 
@@ -86,6 +98,10 @@ def when_it_heats(board, act):
             {"rig": rig_with(limits={"min_off_s": 1.2}, cutoff={"max_on_s": 2.0})},
             "the rig file has other values in limits",
         ),
+        ({"room": 31}, "the air around the springs is outside of the rig file's tolerances"),
+        ({"room": "warm"}, "room_c is no temperature of the air"),
+        ({"room": True}, "found True"),
+        ({"rig": WITH_BROKEN_THERMOMETER}, "cannot read the thermometer /sys/bus/w1/devices/28-none"),
         ({"text": "[" * 100_000}, "more than 64 levels"),
         ({"text": " " * (1 << 20) + TEXT}, "the schedule is too large"),
     ],
@@ -115,8 +131,9 @@ def test_a_schedule_is_played_to_its_end(board):
 
 
 def test_an_edited_schedule_is_played_with_a_reason(board):
-    result, notes = play(board, EDITED, accept="trial on the bench")
-    assert result.outcome == runs.FINISHED
+    result, notes = play(board, EDITED, accept="trial on the bench", room=21)
+    assert result.outcome == runs.FINISHED and notes.room_c == 21.0
+    assert "the air was measured before the run: 21 C" in notes.messages
     line = "the schedule was accepted although it was edited after eldir gait: trial on the bench"
     assert line in notes.messages
 

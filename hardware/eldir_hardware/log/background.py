@@ -23,6 +23,7 @@ from eldir.core.records import FileRecord, FloatArray
 from eldir.errors import EldirError
 from eldir_hardware.camera.lens import Lens
 from eldir_hardware.images import jpeg
+from eldir_hardware.log.messages import ROOM
 from eldir_hardware.log.recorder import Recorder
 from eldir_hardware.resource import Resource
 
@@ -186,8 +187,10 @@ class RunRecording:
         springs: Sequence[str],
         start_ns: int,
         lens: Lens | None = None,
+        room_c: float | None = None,
     ):
-        """`channels` and `springs` as in `Recorder`; the schedule starts at `start_ns`."""
+        """`channels` and `springs` as in `Recorder`; the schedule starts at `start_ns`. `room_c`: temperature
+        of the air, measured before the run [C]."""
         self.path = path
         self.camera_known = lens is not None
         """Whether the log holds the camera's lens already."""
@@ -197,9 +200,12 @@ class RunRecording:
         self._ending = ("", False)
         self._close_at = float("inf")
         self._stack = ExitStack()
+        facts = None if room_c is None else {ROOM: f"{room_c:g}"}
         self._log = self._stack.enter_context(
-            BackgroundRecorder(Recorder(path, channels, springs, start_ns, lens))
+            BackgroundRecorder(Recorder(path, channels, springs, start_ns, lens, facts))
         )
+        if room_c is not None:
+            self._log.on_status(0.0, "room", f"the air was measured before the run: {room_c:g} C")
 
     def attach(self, files: Mapping[str, FileRecord | bytes]) -> None:
         """Attach files to the log, by name: YAML or JSON."""

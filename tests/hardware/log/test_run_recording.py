@@ -47,6 +47,13 @@ def test_it_has_the_bytes_of_the_librarys_log(path, tmp_path, monkeypatch):
     assert path.read_bytes() == (tmp_path / "direct.mcap").read_bytes()
 
 
+def test_what_was_measured_of_the_air_is_kept_as_by_rig_drive(path):
+    RunRecording(path, CHANNELS, SPRINGS, EPOCH, room_c=21.4375).close(at(1.0), "over")
+    log = read_log(path)
+    assert log.room_c == 21.4375
+    assert log.statuses[0] == (0.0, "room", "the air was measured before the run: 21.4375 C")
+
+
 def test_only_what_belongs_to_the_run_is_written(path):
     recording = RunRecording(path, CHANNELS, SPRINGS, EPOCH)
     recording.on_board(at(-0.5), (False, False), (22.0, 22.0))

@@ -91,6 +91,18 @@ def declare_number(
     )
 
 
+def declare_optional_number(node: Node, name: str, description: str, low: float, high: float) -> None:
+    """Declare a number from `low` to `high` that is not set by default, and may be set at any time.
+
+    Only then it has a type; so who reads it must refuse other ones.
+    """
+    bounds = [FloatingPointRange(from_value=low, to_value=high)]
+    descriptor = ParameterDescriptor(
+        description=description, floating_point_range=bounds, dynamic_typing=True
+    )
+    node.declare_parameter(name, None, descriptor)
+
+
 def declare_flag(node: Node, name: str, description: str) -> None:
     """Declare a flag that is set at the start only; false by default."""
     node.declare_parameter(name, False, ParameterDescriptor(description=description, read_only=True))
@@ -111,6 +123,11 @@ def get_value(node: Node, name: str) -> Any:
     """The value of a declared parameter; of a list of texts those that are not empty."""
     value = node.get_parameter(name).value
     return [t for t in value if t] if isinstance(value, list) else value
+
+
+def get_optional_value(node: Node, name: str) -> Any:
+    """The value of a parameter; None where it is not set, or was deleted."""
+    return node.get_parameter_or(name).value
 
 
 def find_file(node: Node, name: str) -> Path | None:

@@ -102,9 +102,15 @@ def edge_of(new_message: NewMessage, edge: ContactEdge) -> Any:
 
 
 def run_of(
-    new_message: NewMessage, state: int, run_id: str, start: int, schedule: ActuationSchedule, message: str
+    new_message: NewMessage,
+    state: int,
+    run_id: str,
+    start: int,
+    schedule: ActuationSchedule,
+    message: str,
+    room_c: float | None = None,
 ) -> Any:
-    """eldir_msgs/Run; `start` is the start of the schedule [ns]."""
+    """eldir_msgs/Run; `start` is the start of the schedule [ns], `room_c` the measured air [C]."""
     return new_message(
         "eldir_msgs/msg/Run",
         state=state,
@@ -112,7 +118,28 @@ def run_of(
         start=time_of(new_message, start),
         schedule=json.dumps(schedule.to_json()),
         message=message,
+        room_c=[] if room_c is None else [room_c],
     )
+
+
+def room_of(run: Any) -> float | None:
+    """The temperature of the air in an eldir_msgs/Run [C]; None if it was not measured."""
+    return float(run.room_c[0]) if len(run.room_c) else None
+
+
+def room_from(value: object) -> float | None:
+    """The temperature of the air in a parameter [C]; None if it is not set. Raises `InputError` for anything
+    but a number."""
+    if value is None:
+        return None
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise InputError(
+            "room_c is no temperature of the air",
+            expected="degrees Celsius, such as 21.5",
+            found=repr(value),
+            remedy="ros2 param set /actuation_sequencer room_c 21.5",
+        )
+    return float(value)
 
 
 def pulses_of(

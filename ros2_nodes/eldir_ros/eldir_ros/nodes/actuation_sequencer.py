@@ -21,9 +21,11 @@ from eldir_ros.base.interfaces import (
     COMPLETE,
     LATCHED,
     declare_number,
+    declare_optional_number,
     declare_text,
     declare_texts,
     get_file,
+    get_optional_value,
     get_value,
     message_class,
     new_message,
@@ -50,6 +52,14 @@ class ActuationSequencerNode(RigNode):
         declare_texts(self, "required_nodes", "Nodes that must be active, or nothing is heated.")
         declare_number(self, "lead", "Time from a goal to the start of its schedule [s].", 1.5, 0.5, 30.0)
         declare_text(self, "accept_mismatch", "Reason for playing schedules that are not for this rig.")
+        declare_optional_number(
+            self,
+            "room_c",
+            "Temperature of the air around the springs, measured before the run [C]. Not set: what the rig "
+            "file's thermometer shows, if there is one.",
+            -20.0,
+            60.0,
+        )
         self._rig: Rig | None = None
         self._goals: dict[bytes, _GoalLink] = {}
         """Goals that were accepted and have not ended."""
@@ -137,6 +147,7 @@ class ActuationSequencerNode(RigNode):
                     goal.request.client,
                     get_value(self, "lead"),
                     get_value(self, "accept_mismatch"),
+                    lambda: runs.room_from(get_optional_value(self, "room_c")),
                 )
                 run = ScheduleRun(link.bank, link, lambda: self.now_ns)
                 return link.conclude(run.play(request, rig, self.stopped))
@@ -174,8 +185,10 @@ class _GoalLink:
 
     # To everyone.
 
-    def on_state(self, state: int, start_ns: int, message: str, schedule: ActuationSchedule) -> None:
-        run = runs.run_of(new_message, state, self._id, start_ns, schedule, message)
+    def on_state(
+        self, state: int, start_ns: int, message: str, schedule: ActuationSchedule, room_c: float | None
+    ) -> None:
+        run = runs.run_of(new_message, state, self._id, start_ns, schedule, message, room_c)
         self._node.run_states.publish(run)
 
     def on_message(self, text: str) -> None:

@@ -124,7 +124,9 @@ class McapRecorderNode(RigNode):
         schedule = runs.schedule_from(message.schedule)
         names = board.channel_names(self._rig), board.spring_names(self._rig)
         try:
-            recording = self._recording = RunRecording(path, *names, start_ns, self._lens)
+            recording = self._recording = RunRecording(
+                path, *names, start_ns, self._lens, runs.room_of(message)
+            )
             self._has_plane = False
             recording.attach({"schedule.json": schedule, **self._files})
             if self._info is not None:

@@ -15,6 +15,7 @@ from eldir_hardware.clock import WallClock
 from eldir_hardware.relay.errors import NotProvenOffError
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.run.player import ContactEdge, ContactEdges, Player
+from eldir_hardware.run.room import measure_room
 from eldir_hardware.safety.compatibility import require_compatible
 from eldir_hardware.schedule import ActuationSchedule
 from eldir_ros.conversions import runs
@@ -33,6 +34,9 @@ class RunRequest:
     """The schedule starts at the earliest this long after the goal [s]."""
     accept_mismatch: str = ""
     """Reason for playing a schedule that was not made for this rig."""
+    room_c: Callable[[], float | None] = lambda: None
+    """Reads the temperature of the air that a person measured [C]; None: the rig's thermometer measures it,
+    if there is one. Raises `InputError` for anything but a number."""
 
 
 @dataclass(frozen=True)
@@ -75,8 +79,10 @@ class RunScheduleResult:
 class RunListener(Protocol):
     """Receives the progress of a run."""
 
-    def on_state(self, state: int, start_ns: int, message: str, schedule: ActuationSchedule) -> None:
-        """The run of a schedule began or ended; `state` as in Run.msg."""
+    def on_state(
+        self, state: int, start_ns: int, message: str, schedule: ActuationSchedule, room_c: float | None
+    ) -> None:
+        """The run of a schedule began or ended; `state` as in Run.msg. `room_c`: the measured air [C]."""
 
     def on_progress(self, progress: RunProgress) -> None:
         """The board has reported."""
@@ -96,6 +102,7 @@ class ScheduleRun:
         self._bank, self._listener, self._now_ns = bank, listener, now_ns
         self._edges = ContactEdges()
         self._schedule: ActuationSchedule | None = None
+        self._room_c: float | None = None
 
     def play(self, request: RunRequest, rig: Rig | None, stopped: str = "") -> RunScheduleResult:
         """Play a schedule. Never raises: the result says what went wrong, and everything is off.
@@ -120,13 +127,17 @@ class ScheduleRun:
             player = Player(self._bank, schedule, rig, clock, [self])
             if accepted := require_compatible(schedule, rig, None, request.accept_mismatch):
                 self._listener.on_message(f"the schedule was {accepted}")
+            room = measure_room(rig, request.room_c())
+            self._room_c = room.room_c
+            if room.text:
+                self._listener.on_message(f"warning: {room.text}" if room.is_doubtful else room.text)
             duration = schedule.duration
 
             def on_ready(start: float) -> None:
                 nonlocal start_ns, start_t
                 start_t = start
                 start_ns = self._now_ns() + round(1e9 * (start - clock.now()))
-                self._listener.on_state(runs.RUNNING, start_ns, "", schedule)
+                self._listener.on_state(runs.RUNNING, start_ns, "", schedule, room.room_c)
                 self._listener.on_message(f"{duration:.1f} s")
 
             player.play(clock.now() + request.lead, on_ready)
@@ -141,7 +152,7 @@ class ScheduleRun:
             outcome = runs.REFUSED
         if start_ns and self._schedule is not None:
             state = runs.RUN_FINISHED if outcome == runs.FINISHED else runs.RUN_ENDED
-            self._listener.on_state(state, start_ns, message, self._schedule)
+            self._listener.on_state(state, start_ns, message, self._schedule, self._room_c)
         self._listener.on_message(message)
         last = self._bank.last
         return RunScheduleResult(
