@@ -11,6 +11,7 @@ import numpy as np
 from eldir.built.heat import HeatModel, SpringState
 from eldir.core.records import FloatArray
 from eldir_hardware.guardian._forecast import HORIZON, MAX_PULSES, Forecast, HeatingInterval, closed_together
+from eldir_hardware.guardian.measured_power import MeasuredPower
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.safety import limits
 from eldir_hardware.safety.limits import LimitError
@@ -43,6 +44,7 @@ class Interlock:
             np.ones(2 * count + len(welded)),
         )
         self._forecast = Forecast(rig)
+        self._measured = MeasuredPower(rig)
         self._power_shares = limits.power_shares(rig, nominal), limits.power_shares(rig, worst, worst=True)
         self._modelled_to = now
         self._reported = (False,) * rig.board.channels
@@ -236,6 +238,11 @@ class Interlock:
         self._advance_model(now, [a or b for a, b in pairs], [a and b for a, b in pairs])
         self._reported = closed
 
+    def record_currents(self, currents: Mapping[int, float]) -> None:
+        """Record the measured currents of channels that heat [A]: the nominal springs follow them from now
+        on. The worst corner, which limits are for, does not."""
+        self._measured.update(currents)
+
     def check(self, now: float) -> None:
         """Raise `LimitError` if a spring is too hot, or a channel has been closed for too long."""
         hot = int(self._state.temperature.argmax())
@@ -272,4 +279,5 @@ class Interlock:
         nominal, worst = self._power_shares
         sharing = max(1, sum(closed_for_sure[c] for c in self._indices if c < len(closed_for_sure)))
         welded = [heated.max()] if self._rig.master_channel is not None else []
-        return np.concatenate([heated * nominal[int(heated.sum())], heated * worst[sharing], welded])
+        shown = heated * nominal[int(heated.sum())] * self._measured.factors
+        return np.concatenate([shown, heated * worst[sharing], welded])

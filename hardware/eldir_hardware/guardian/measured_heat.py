@@ -198,7 +198,7 @@ class MeasuredHeat:
         # Channels that must be cold first.
         in_order = sorted(self._channels, key=lambda channel: channel in self._closed)
         for channel in in_order:
-            if self._switched_at.get(channel, -float("inf")) + self._wait(channel) > measured.started_at:
+            if not self._is_settled(channel, measured.started_at):
                 continue
             bounds = self._bounds.bounds(measured.currents[channel])
             if channel not in self._closed:
@@ -211,13 +211,27 @@ class MeasuredHeat:
             if self._supply_seen:
                 _require_heat(channel, measured, bounds)
 
+    def heating_currents(self, measured: Measurement) -> dict[int, float]:
+        """The currents of the channels that heat, by channel [A]: commanded closed, settled, and with more
+        than no current."""
+        zero_current = self._bounds.bounds(0.0).zero_current
+        return {
+            channel: measured.currents[channel]
+            for channel in self._channels
+            if channel in self._closed
+            and self._is_settled(channel, measured.started_at)
+            and measured.currents[channel] > zero_current
+        }
+
     def require_none(self, measured: Measurement) -> None:
         """Raise `CurrentFlowsError` if current flows in any channel, closed or open."""
         for channel in self._channels:
             _require_no_heat(channel, measured, self._bounds.bounds(0.0))
 
-    def _wait(self, channel: int) -> float:
-        return CURRENT_SETTLING if channel in self._closed else CONTACT_DELAY
+    def _is_settled(self, channel: int, t: float) -> bool:
+        """Whether a channel was switched so long before `t` [s] that its current can be judged."""
+        wait = CURRENT_SETTLING if channel in self._closed else CONTACT_DELAY
+        return self._switched_at.get(channel, -float("inf")) + wait <= t
 
 
 def _require_no_heat(channel: int, measured: Measurement, bounds: Bounds) -> None:
@@ -322,6 +336,10 @@ class CurrentWatch:
         """Raise `CurrentFlowsError` or `UnexpectedHeatError` if a channel is not as commanded."""
         if self._heat is not None and measured is not None:
             self._heat.check(measured)
+
+    def heating_currents(self, measured: Measurement | None) -> dict[int, float]:
+        """The measured currents of the channels that heat, by channel [A]; empty without a sensor."""
+        return {} if self._heat is None or measured is None else self._heat.heating_currents(measured)
 
     def arm(self) -> None:
         """A run begins, after all contacts were opened. Raises as `prove_no_current`."""

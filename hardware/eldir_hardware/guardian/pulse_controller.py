@@ -347,6 +347,7 @@ class PulseController(HeaterBank):
         self.on_report(self._currents.add_to(report, measured))
         self._interlock.check(now)
         self._currents.check(measured)
+        self._interlock.record_currents(self._currents.heating_currents(measured))
 
     def _record_delay(self, seconds: float) -> None:
         self._max_delay = max(self._max_delay, seconds)

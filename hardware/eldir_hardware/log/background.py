@@ -205,7 +205,7 @@ class RunRecording:
             BackgroundRecorder(Recorder(path, channels, springs, start_ns, lens, facts))
         )
         if room_c is not None:
-            self._log.on_status(0.0, "room", f"the air was measured before the run: {room_c:g} C")
+            self.on_note("room", f"the air was measured before the run: {room_c:g} C")
 
     def attach(self, files: Mapping[str, FileRecord | bytes]) -> None:
         """Attach files to the log, by name: YAML or JSON."""
@@ -244,6 +244,10 @@ class RunRecording:
         self._write(stamp_ns, lambda t: self._log.on_temperatures(t, temperatures), before=True)
         if currents:
             self._write(stamp_ns, lambda t: self._log.on_currents(t, currents, voltages), before=True)
+
+    def on_note(self, name: str, message: str) -> None:
+        """A remark on a part of the rig, for the whole run."""
+        self._log.on_status(0.0, name, message)
 
     def on_fault(self, stamp_ns: int, name: str, message: str) -> None:
         """A fault of a part of the rig."""

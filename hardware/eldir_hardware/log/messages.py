@@ -25,6 +25,8 @@ CAMERA_FRAME_ID = "camera_optical_frame"
 METADATA = "eldir-log/1"
 """Name of the metadata record that makes an MCAP file one of our logs."""
 
+HEAT_MODEL = "heat model"
+"""Name of the status that says what the modelled temperatures follow."""
 ROOM = "room_c"
 """Entry of the metadata: temperature of the air that was measured before the run [C]."""
 

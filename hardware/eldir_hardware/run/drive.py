@@ -22,15 +22,16 @@ from eldir.parameters.springs import SpringParameters
 from eldir_hardware.clock import Clock, VirtualClock, WallClock
 from eldir_hardware.guardian.bank import HeaterBank
 from eldir_hardware.guardian.client import Guardian
+from eldir_hardware.guardian.measured_power import describe_correction
 from eldir_hardware.guardian.pulse_controller import PulseController
 from eldir_hardware.log.background import BackgroundRecorder
-from eldir_hardware.log.messages import ROOM
+from eldir_hardware.log.messages import HEAT_MODEL, ROOM
 from eldir_hardware.log.recorder import Recorder
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.sections import LiveCameraEntry, VirtualCameraEntry
 from eldir_hardware.run.filming import CameraFiles, FilmLog, LiveCamera, record_frames, virtual_camera
 from eldir_hardware.run.player import Player, RunResult
-from eldir_hardware.run.room import MeasuredRoom, measure_room
+from eldir_hardware.run.room import MeasuredRoom, in_room, measure_room
 from eldir_hardware.safety import limits
 from eldir_hardware.safety.compatibility import (
     compare_wiring,
@@ -123,7 +124,7 @@ def drive_rig(
         facts[ROOM] = f"{room.room_c:g}"
     wiring = compare_wiring(rig, packet_wiring(design_path, count_motors(schedule, rig)))
     calibration = CameraFiles.load(rig, rig_path)
-    with open_rig(rig, design, schedule, config.on_body) as opened:
+    with open_rig(rig, design, schedule, config.on_body, room.room_c) as opened:
         earliest = opened.clock.now() + _ARMING
         # In virtual time the run waits for the disk, so that no picture is left out and the bytes repeat.
         virtual_time = isinstance(opened.clock, VirtualClock)
@@ -145,7 +146,7 @@ def drive_rig(
                     def begin(start: float) -> None:
                         if not virtual_time:
                             writer.begin_at(time.time_ns() + round(1e9 * (start - opened.clock.now())))
-                        _log_facts(writer, facts, wiring, room)
+                        _log_facts(writer, facts, wiring, room, describe_correction(rig))
                         begin_filming(start)
 
                     result = player.play(earliest, begin, config.on_rest)
@@ -208,7 +209,7 @@ def _filming(opened: OpenedRig, log: _Writer, latest: _LatestTime) -> Iterator[C
             log.on_status(latest.t, "virtual rig", remark, good=False)
 
 
-def _log_facts(log: _Writer, facts: dict[str, str], wiring: str, room: MeasuredRoom) -> None:
+def _log_facts(log: _Writer, facts: dict[str, str], wiring: str, room: MeasuredRoom, correction: str) -> None:
     """Record the digests of the run's files, an accepted mismatch, and another wiring than the packet's."""
     digests = "; ".join(f"{name} {facts[name]}" for name in facts if name not in ("accepted", ROOM))
     log.on_status(0.0, "files", digests, facts)
@@ -216,6 +217,8 @@ def _log_facts(log: _Writer, facts: dict[str, str], wiring: str, room: MeasuredR
         log.on_status(0.0, "files", f"the schedule was {facts['accepted']}", good=False)
     if room.text:
         log.on_status(0.0, "room", room.text, good=not room.is_doubtful)
+    if correction:
+        log.on_status(0.0, HEAT_MODEL, correction)
     if wiring:
         log.on_status(0.0, "files", f"not wired as the packet says: {wiring}")
 
@@ -253,19 +256,24 @@ class _NoBody:
 
 
 @contextmanager
-def open_bank(rig: Rig) -> Iterator[OpenedBank]:
-    """The springs of a real rig, or of a virtual one without a robot."""
+def open_bank(rig: Rig, room_c: float | None = None) -> Iterator[OpenedBank]:
+    """The springs of a real rig, or of a virtual one without a robot. `room_c`: the measured air, for the
+    modelled temperatures [C]."""
+    modelled = in_room(rig, room_c)
     if rig.kind == "real":
-        with Guardian(rig) as guardian:
+        with Guardian(modelled) as guardian:
             yield OpenedBank(guardian, WallClock())
         return
-    with VirtualRig(rig, _NoBody()) as virtual, open_virtual_bank(virtual, rig) as bank:
+    with VirtualRig(rig, _NoBody()) as virtual, open_virtual_bank(virtual, modelled) as bank:
         yield OpenedBank(bank, virtual.clock)
 
 
 @contextmanager
 def open_virtual_bank(virtual: VirtualRig, rig: Rig) -> Iterator[HeaterBank]:
-    """The springs of a virtual rig. On the wall clock a guardian process drives them, as on a real rig."""
+    """The springs of a virtual rig. On the wall clock a guardian process drives them, as on a real rig.
+
+    `rig`: as the program that drives knows it, with the air that was measured.
+    """
     if isinstance(virtual.clock, VirtualClock):
         yield PulseController(virtual.board, rig, virtual.clock, sensor=virtual.sensor)
     else:
@@ -274,28 +282,37 @@ def open_virtual_bank(virtual: VirtualRig, rig: Rig) -> Iterator[HeaterBank]:
 
 
 def open_rig(
-    rig: Rig, design: Design | None, schedule: ActuationSchedule, on_body: Callable[[BodyFrame], None]
+    rig: Rig,
+    design: Design | None,
+    schedule: ActuationSchedule,
+    on_body: Callable[[BodyFrame], None],
+    room_c: float | None = None,
 ) -> AbstractContextManager[OpenedRig]:
-    """The rig as a context. On a virtual rig with a design, `on_body` gets the positions in every frame."""
+    """The rig as a context. On a virtual rig with a design, `on_body` gets the positions in every frame.
+    `room_c`: the measured air, for the modelled temperatures [C]."""
     if rig.kind == "virtual" and design is not None:
-        return _open_virtual(rig, design, schedule, on_body)
-    return _open_unsimulated(rig)
+        return _open_virtual(rig, design, schedule, on_body, room_c)
+    return _open_unsimulated(rig, room_c)
 
 
 @contextmanager
-def _open_unsimulated(rig: Rig) -> Iterator[OpenedRig]:
+def _open_unsimulated(rig: Rig, room_c: float | None) -> Iterator[OpenedRig]:
     """A real rig with its camera, or a virtual one without a robot."""
     if rig.kind == "real" and isinstance(rig.camera, LiveCameraEntry):
-        with LiveCamera(rig.camera) as camera, open_bank(rig) as opened:
+        with LiveCamera(rig.camera) as camera, open_bank(rig, room_c) as opened:
             yield OpenedRig(*opened, camera.filming)
     else:
-        with open_bank(rig) as opened:
+        with open_bank(rig, room_c) as opened:
             yield OpenedRig(*opened, lambda log: nullcontext(lambda start: None))
 
 
 @contextmanager
 def _open_virtual(
-    rig: Rig, design: Design, schedule: ActuationSchedule, on_body: Callable[[BodyFrame], None]
+    rig: Rig,
+    design: Design,
+    schedule: ActuationSchedule,
+    on_body: Callable[[BodyFrame], None],
+    room_c: float | None,
 ) -> Iterator[OpenedRig]:
     from eldir_hardware.virtual.bodies import sample_large_spread
 
@@ -322,7 +339,7 @@ def _open_virtual(
             finally:
                 virtual.stop_watching()
 
-        with open_virtual_bank(virtual, rig) as bank:
+        with open_virtual_bank(virtual, in_room(rig, room_c)) as bank:
             yield OpenedRig(bank, virtual.clock, filming, lambda: body.remark)
 
 

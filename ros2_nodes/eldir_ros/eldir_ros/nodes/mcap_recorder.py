@@ -19,7 +19,9 @@ from eldir.design import Design
 from eldir.errors import EldirError
 from eldir_hardware.camera.lens import Lens
 from eldir_hardware.camera.plane import Plane, TagBoard
+from eldir_hardware.guardian.measured_power import describe_correction
 from eldir_hardware.log.background import RunRecording
+from eldir_hardware.log.messages import HEAT_MODEL
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.vision.pipeline import FIRST_PICTURE_KEY
 from eldir_ros.base.interfaces import (
@@ -129,6 +131,8 @@ class McapRecorderNode(RigNode):
             )
             self._has_plane = False
             recording.attach({"schedule.json": schedule, **self._files})
+            if correction := describe_correction(self._rig):
+                recording.on_note(HEAT_MODEL, correction)
             if self._info is not None:
                 recording.on_camera_info(start_ns, self._info)
             if self._tags:
