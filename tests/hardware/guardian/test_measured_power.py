@@ -9,10 +9,11 @@ import pytest
 
 from eldir.built.heat import HeatModel, SpringState
 from eldir.errors import EldirError
+from eldir_hardware.clock import VirtualClock
 from eldir_hardware.current_sensor import Measurement
 from eldir_hardware.guardian._interlock import Interlock
 from eldir_hardware.guardian.bank import Report
-from eldir_hardware.guardian.measured_heat import CURRENT_SETTLING, MeasuredHeat
+from eldir_hardware.guardian.measured_heat import CURRENT_SETTLING, CurrentWatch, MeasuredHeat
 from eldir_hardware.guardian.measured_power import MeasuredPower, describe_correction
 from eldir_hardware.guardian.pulse_controller import PulseController
 from eldir_hardware.rig.configuration import Rig
@@ -59,7 +60,7 @@ def test_on_a_shared_supply_springs_count_as_nominal():
 def test_the_log_says_which_temperatures_follow():
     assert describe_correction(rig_with()) == ""
     assert describe_correction(rig_with(sensor={"kind": "ina226"}, supply={"outputs": "shared"})) == ""
-    assert describe_correction(RIG) == (
+    assert describe_correction(rig_with(sensor={"kind": "ina226", "channels": [3, 1, 2]})) == (
         "the temperatures follow the measured currents of channels 1, 2, 3, within 5 % of the rig file's; "
         "limits do not"
     )
@@ -79,6 +80,16 @@ def test_only_settled_currents_of_channels_that_heat_count():
     assert measured(2.0, {1: 3.4, 2: 0.009}) == {1: 3.4}, "the supply of the other one is off"
     heat.record_switching({1: False}, 3.0)
     assert measured(4.0, {1: 3.4, 2: 3.3}) == {2: 3.3}
+
+
+def test_without_a_measurement_nothing_counts():
+    bare, shown = CurrentWatch(rig_with(), None, VirtualClock()), dict.fromkeys((1, 2, 3), 3.4)
+    assert bare.heating_currents(None) == {}
+    assert bare.heating_currents(Measurement(1.0, shown, shown, frozenset())) == {}
+    watch = CurrentWatch(RIG, object(), VirtualClock())
+    watch.record_switching({2: True})
+    assert watch.heating_currents(None) == {}
+    assert watch.heating_currents(Measurement(1.0, shown, shown, frozenset())) == {2: 3.4}
 
 
 def played(ratio: float | None) -> Interlock:
