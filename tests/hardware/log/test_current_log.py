@@ -57,6 +57,7 @@ def test_currents_come_back_from_a_log(tmp_path):
     assert set(log.current_times) <= set(log.relay_times)
     assert len(log.current_times) > 0.9 * len(log.relay_times), "hardly one is left out for a switching"
     assert np.isnan(log.currents[:, 2]).all() and np.isfinite(log.currents[:, [0, 1, 3]]).all()
+    assert any(part == "heat model" and "channels 1, 2, 4" in text for _, part, text in log.statuses)
     limit = rig.supply.current_limit_a
     closed = log.relays[np.searchsorted(log.relay_times, log.current_times)]
     for column in (0, 1, 3):
@@ -75,6 +76,7 @@ def test_currents_come_back_from_a_log(tmp_path):
 def test_a_log_without_a_sensor_holds_no_currents(tmp_path):
     log, _, path = driven(tmp_path)
     assert log.currents.shape == log.voltages.shape == (0, 0) and not len(log.current_times)
+    assert not any(part == "heat model" for _, part, _ in log.statuses)
     with AnyReader([path]) as reader:
         assert not {"/currents", "/voltages"} & {c.topic for c in reader.connections}
 

@@ -150,6 +150,7 @@ def test_drive_reads_it_and_keeps_it_in_the_log(tmp_path: Path) -> None:
     log = read_log(tmp_path / "a.mcap")
     assert log.room_c == pytest.approx(shown, abs=0.01)
     assert ("room", f"the thermometer shows {shown:.1f} C") in [status[1:] for status in log.statuses]
+    assert log.temperatures[0] == pytest.approx(shown, abs=1e-3), "the model begins at the measured air"
     entered = shown - 2.5
     output = run(*drive, tmp_path / "b.mcap", "--room", entered).output
     assert f"warning: the air was measured before the run: {entered:g} C, but the thermometer" in output
