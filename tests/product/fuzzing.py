@@ -47,6 +47,7 @@ from eldir_hardware.rig._board_hints import read_board_hints
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.template import real_rig
 from eldir_hardware.schedule import ActuationSchedule
+from eldir_hardware.thermometer import read_thermometer
 from eldir_hardware.vision.sources import open_source
 from tests.eldir.evolution.printed.small_searches import SMALL
 from tests.eldir.random_design import make_design
@@ -223,6 +224,7 @@ FORMATS: dict[str, Format] = {
         _file("wiring.csv", "spring,face,relay_channel\n0,front,1\n0,back,2\n1,front,3\n"),
         lambda p: read_wiring(p.parent),
     ),
+    "thermometer": Format(_file("temperature", "21437\n"), read_thermometer),
     "recording of a spring": Format(_saved("spring.csv", _recording), load_spring_recording),
     "run": Format(
         _run(lambda p: RunFolder.create(p, _PAPER)), lambda p: open_run(p.parent).config.lattice, _json
