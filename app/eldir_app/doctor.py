@@ -28,7 +28,7 @@ from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.devices import get_requirements, open_board
 from eldir_hardware.rig.sections import LiveCameraEntry
 from eldir_hardware.rig.supply import find_implausible_springs, worst_springs
-from eldir_hardware.run.room import show_thermometer
+from eldir_hardware.run.room import query_thermometer
 from eldir_hardware.safety.compatibility import PacketWiring, compare_wiring, packet_wiring
 from eldir_hardware.safety.latch import LatchedError, require_unlatched
 from eldir_hardware.safety.limits import check_room
@@ -288,7 +288,7 @@ def check_sensor(rig: Rig) -> Finding:
 def check_thermometer(rig: Rig) -> Finding:
     """What the thermometer shows, and whether limits are checked for air of this temperature."""
     try:
-        shown = show_thermometer(rig)
+        shown = query_thermometer(rig)
         check_room(rig, shown)
     except EldirError as error:
         return Finding("thermometer", False, str(error))

@@ -31,7 +31,7 @@ from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.sections import LiveCameraEntry, VirtualCameraEntry
 from eldir_hardware.run.filming import CameraFiles, FilmLog, LiveCamera, record_frames, virtual_camera
 from eldir_hardware.run.player import Player, RunResult
-from eldir_hardware.run.room import MeasuredRoom, in_room, measure_room
+from eldir_hardware.run.room import MeasuredRoom, measure_room, with_room
 from eldir_hardware.safety import limits
 from eldir_hardware.safety.compatibility import (
     compare_wiring,
@@ -259,7 +259,7 @@ class _NoBody:
 def open_bank(rig: Rig, room_c: float | None = None) -> Iterator[OpenedBank]:
     """The springs of a real rig, or of a virtual one without a robot. `room_c`: the measured air, for the
     modelled temperatures [C]."""
-    modelled = in_room(rig, room_c)
+    modelled = with_room(rig, room_c)
     if rig.kind == "real":
         with Guardian(modelled) as guardian:
             yield OpenedBank(guardian, WallClock())
@@ -339,7 +339,7 @@ def _open_virtual(
             finally:
                 virtual.stop_watching()
 
-        with open_virtual_bank(virtual, in_room(rig, room_c)) as bank:
+        with open_virtual_bank(virtual, with_room(rig, room_c)) as bank:
             yield OpenedRig(bank, virtual.clock, filming, lambda: body.remark)
 
 

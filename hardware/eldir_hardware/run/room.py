@@ -7,7 +7,7 @@ from typing import NamedTuple
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.safety.limits import check_room
 from eldir_hardware.thermometer import ThermometerError, read_thermometer
-from eldir_hardware.virtual.rig import shown_temperature
+from eldir_hardware.virtual.rig import thermometer_reading
 
 _MAX_DIFFERENCE = 2.0  # between both: thermometers and rooms differ by less [K]
 
@@ -34,7 +34,7 @@ def measure_room(rig: Rig, entered: float | None = None) -> MeasuredRoom:
     return found
 
 
-def in_room(rig: Rig, room_c: float | None) -> Rig:
+def with_room(rig: Rig, room_c: float | None) -> Rig:
     """The rig with this expected air [C], for the nominal springs of a run. Limits do not depend on it: they
     hold in the hottest air of the tolerances."""
     if room_c is None:
@@ -42,22 +42,22 @@ def in_room(rig: Rig, room_c: float | None) -> Rig:
     return rig.model_copy(update={"springs": rig.springs.model_copy(update={"ambient_c": room_c})})
 
 
-def show_thermometer(rig: Rig) -> float | None:
+def query_thermometer(rig: Rig) -> float | None:
     """What the rig's thermometer shows [C]; None if the rig file names none. Raises `ThermometerError`."""
     if rig.thermometer is None:
         return None
     if rig.kind == "virtual" or rig.thermometer.path is None:
-        return shown_temperature(rig)
+        return thermometer_reading(rig)
     return read_thermometer(rig.thermometer.path)
 
 
 def _measure(rig: Rig, entered: float | None) -> MeasuredRoom:
     if entered is None:
-        shown = show_thermometer(rig)
+        shown = query_thermometer(rig)
         return MeasuredRoom(shown, "" if shown is None else f"the thermometer shows {shown:.1f} C")
     text = f"the air was measured before the run: {entered:g} C"
     try:
-        shown = show_thermometer(rig)
+        shown = query_thermometer(rig)
     except ThermometerError as error:
         return MeasuredRoom(entered, f"{text}; {error}", is_doubtful=True)
     if shown is None or abs(shown - entered) <= _MAX_DIFFERENCE:

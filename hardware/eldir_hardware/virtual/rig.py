@@ -58,7 +58,7 @@ def room_temperature(rig: Rig) -> float:
     return rig.spring_tolerances().perturb_by_seed(rig.spring_parameters(), rig.virtual.seed).ambient
 
 
-def shown_temperature(rig: Rig) -> float:
+def thermometer_reading(rig: Rig) -> float:
     """What a thermometer at a virtual rig shows [C], with its error, which depends on the seed."""
     error = np.random.default_rng([rig.virtual.seed, 7]).uniform(-ERROR_K, ERROR_K)
     return STEP_K * round((room_temperature(rig) + error) / STEP_K)

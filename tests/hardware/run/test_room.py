@@ -16,9 +16,9 @@ from eldir_hardware.log.reader import read_log
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.supply import LimitError, worst_springs
 from eldir_hardware.run.drive import to_dry_run
-from eldir_hardware.run.room import in_room, measure_room
+from eldir_hardware.run.room import measure_room, with_room
 from eldir_hardware.thermometer import ThermometerError, read_thermometer
-from eldir_hardware.virtual.rig import room_temperature, shown_temperature
+from eldir_hardware.virtual.rig import room_temperature, thermometer_reading
 from tests.hardware.emulated_rigs import rig_values, run
 from tests.hardware.rigs_and_schedules import SCHEDULE, rig_text, rig_with
 from tests.raised import raises
@@ -100,9 +100,9 @@ def test_air_outside_of_the_tolerances_is_refused_whoever_measured_it(file: Path
 
 def test_a_rig_in_its_room_has_the_same_limits(file: Path) -> None:
     rig = real_rig(file)
-    warm = in_room(rig, 29.5)
+    warm = with_room(rig, 29.5)
     assert warm.spring_parameters().ambient == 29.5 and rig.spring_parameters().ambient == 22
-    assert worst_springs(warm) == worst_springs(rig) and in_room(rig, None) is rig
+    assert worst_springs(warm) == worst_springs(rig) and with_room(rig, None) is rig
     assert Rig.from_json(warm.to_json()) == warm, "as the guardian gets it"
 
 
@@ -116,11 +116,11 @@ def test_a_real_thermometer_needs_its_file() -> None:
 
 def test_that_of_a_virtual_rig_has_its_error() -> None:
     rigs = [rig_with(virtual={"seed": seed}) for seed in range(12)]
-    errors = np.array([shown_temperature(rig) - room_temperature(rig) for rig in rigs])
+    errors = np.array([thermometer_reading(rig) - room_temperature(rig) for rig in rigs])
     assert 0.3 < np.abs(errors).max() < 0.5 + 1 / 32 and (errors > 0).any() and (errors < 0).any()
-    assert all(shown_temperature(rig) * 16 % 1 == 0 for rig in rigs)
+    assert all(thermometer_reading(rig) * 16 % 1 == 0 for rig in rigs)
     rig = rig_with(thermometer={"kind": "w1"})
-    assert measure_room(rig).room_c == shown_temperature(rig)
+    assert measure_room(rig).room_c == thermometer_reading(rig)
 
 
 def test_the_doctor_reads_it(file: Path) -> None:
@@ -144,7 +144,7 @@ def test_drive_reads_it_and_keeps_it_in_the_log(tmp_path: Path) -> None:
     rig.write_text(yaml.safe_dump(values))
     schedule = tmp_path / "schedule.json"
     SCHEDULE.save(schedule)
-    shown = shown_temperature(Rig.load(rig))
+    shown = thermometer_reading(Rig.load(rig))
     drive = ("drive", schedule, "--rig", rig, "--accept-mismatch", "a test", "--log")
     assert f"note: the thermometer shows {shown:.1f} C" in run(*drive, tmp_path / "a.mcap").output
     log = read_log(tmp_path / "a.mcap")

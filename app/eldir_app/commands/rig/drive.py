@@ -72,9 +72,9 @@ def drive(
     _print_notes(heating, rig, rig_file, design)
     driven = to_dry_run(rig) if dry_run else rig
     if driven.kind == "virtual" and driven.thermometer is None and room is None and not dry_run:
-        from eldir_hardware.virtual.rig import shown_temperature
+        from eldir_hardware.virtual.rig import thermometer_reading
 
-        shown = shown_temperature(driven)
+        shown = thermometer_reading(driven)
         typer.echo(f"note: a thermometer at this virtual rig shows {shown:.1f} C; see --room")
     if driven.kind == "real" and driven.board.port is not None:
         require_unlatched(driven.board.port)  # a run that cannot start leaves no log
