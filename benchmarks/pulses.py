@@ -1,4 +1,4 @@
-"""`python -m benchmarks.pulses`: heat of pulses that end by a clock, or when a spring has transformed (decision 59).
+"""`python -m benchmarks.pulses`: heat of pulses that end by a clock, or by a measurement (decision 59).
 
 A measured pulse ends when the martensite fraction of its spring falls below a threshold, at the latest when
 its time is over. The current is the largest that the limits of `eldir_hardware.safety` allow in the worst
@@ -11,7 +11,6 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
-from math import floor
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -35,7 +34,8 @@ TIMER_MARGIN = 0.3
 _DT = 0.05  # of the simulation, and between two measurements [s]
 _PERIODS = 5  # until temperatures repeat
 _MAX_CURRENT, _CURRENT_STEP = 6.0, 0.01  # of the search [A]
-_REST = 0.3  # between two parts of a divided pulse: the board opens, the timer resets [s]
+_REST = 0.3  # between two parts of a divided pulse: the contact opens, the timer resets [s]
+_MAX_DIVIDED = 15.0  # all parts together: half of a period [s]
 
 
 class Pulses(NamedTuple):
@@ -50,7 +50,7 @@ class Pulses(NamedTuple):
 
 
 class Corner(NamedTuple):
-    """Parts of the rig's tolerances by which all springs are off, -1 to 1, and kelvins of their transition."""
+    """How far all springs of a rig are off: parts of its tolerances, -1 to 1, and kelvins of transition."""
 
     current: float = 0.0
     convection: float = 0.0
@@ -59,12 +59,12 @@ class Corner(NamedTuple):
 
 
 CORNERS = {
-    "as in the file": Corner(), "current -5 %": Corner(-1), "current +5 %": Corner(1),
-    "cooling +10 %": Corner(0, 1), "cooling -10 %": Corner(0, -1), "18 C": Corner(0, 0, -1),
-    "30 C": Corner(0, 0, 1), "transition +5 K": Corner(transition=5), "transition -5 K": Corner(transition=-5),
-    "all three cold": Corner(-1, 1, -1), "all three hot": Corner(1, -1, 1),
+    "as in the file": Corner(), "least current": Corner(-1), "most current": Corner(1),
+    "most cooling": Corner(0, 1), "least cooling": Corner(0, -1), "coldest room": Corner(0, 0, -1),
+    "warmest room": Corner(0, 0, 1), "transition +5 K": Corner(transition=5),
+    "transition -5 K": Corner(transition=-5), "all cold": Corner(-1, 1, -1), "all hot": Corner(1, -1, 1),
 }  # fmt: skip
-"""The rows of the tables, named for the tolerances of the template."""
+"""The ends of a rig's tolerances: in the template 5 % of the current, 10 % of the cooling, 18 and 30 C."""
 
 
 def make_rig(
@@ -140,9 +140,8 @@ def is_allowed_if_measured(pulses: Pulses, rig: Rig) -> bool:
     pulses leave it."""
     worst = worst_springs(rig)
     found = last_period(pulses, [worst])
-    start = found.final  # coldest moment: just before the next pulse
     try:
-        hottest = stuck_temperature(rig, worst, start)
+        hottest = stuck_temperature(rig, worst, found.final)  # as cold as before the next pulse
     except LimitError:
         return False
     return max(hottest, float(found.temperature.max())) <= rig.limits.max_temperature_c
@@ -165,48 +164,67 @@ def max_current(
 
 
 class DividedPulse(NamedTuple):
-    """A pulse that is repeated after a short rest until its spring has transformed."""
+    """A pulse in short parts, repeated until its spring has transformed."""
 
-    part: float
-    """Duration of each part [s]; the cut-off opens `TIMER_MARGIN` later."""
     current: float
-    """Largest current at which a contact that welds at the start of a part is harmless [A]."""
-    coldest: float
-    """Largest part of the stroke in the coldest corner, however long it is heated."""
-    coldest_time: float
-    """Time until it is transformed in the coldest corner [s]; infinite if never."""
-    not_ended: float
-    """Highest temperature in the worst corner if the measurement says that it never transforms, and parts are
-    repeated for that time, or a minute [C]."""
+    """Current [A]."""
+    parts: int
+    """Largest number of parts."""
+    stroke: float
+    """Part of the stroke in the coldest corner."""
+    hottest: float
+    """Temperature in the worst corner if the measurement never ends the pulse [C]."""
 
 
-def divide(part: float) -> DividedPulse:
-    """A divided pulse at the largest current at which a contact that welds is harmless if the measurement is
-    true: every part begins with a spring that has not transformed."""
+def divide(part: float, believed: bool) -> DividedPulse:
+    """Parts of `part` [s] behind a timer that opens `TIMER_MARGIN` later, at the current that gives most
+    stroke in the coldest corner.
 
-    def welded(rig: Rig) -> bool:
-        worst = worst_springs(rig)
-        # The hottest spring that has not transformed after a part: it was just not at the threshold.
-        angle = np.arccos(2 * TRANSFORMED - 1) / np.pi
-        temperature = worst.austenite_start + angle * (worst.austenite_finish - worst.austenite_start)
-        start = HeatModel([worst]).cool(SpringState(np.array([temperature]), np.array([TRANSFORMED])), _REST)
-        held = np.ones((round((part + TIMER_MARGIN) / _DT), 1))
-        hottest = HeatModel([worst]).run(held, _DT, start).temperature.max()
-        return bool(hottest <= rig.limits.max_temperature_c)
+    A part begins only if the spring has not transformed, so that a contact that welds then finds no hotter
+    one. All parts together must keep the limit without a measurement, unless it is `believed` to end the
+    pulse: then they are repeated until the coldest spring has transformed.
+    """
+    found = DividedPulse(0.0, 0, 0.0, 0.0)
+    for current in np.arange(2.0, _MAX_CURRENT, 0.05).round(2).tolist():
+        rig = make_rig(current, part)
+        worst, coldest = worst_springs(rig), springs_at(rig, CORNERS["all cold"])
+        if _peak_if_welded(part, worst) > rig.limits.max_temperature_c:
+            break
+        for parts in range(1, 1 + int((_MAX_DIVIDED + _REST) / (part + _REST))):
+            hottest = _peak_of_parts(part, parts, worst)
+            if not believed and hottest > rig.limits.max_temperature_c:
+                break
+            stroke = 1.0 - _martensite_at(_peak_of_parts(part, parts, coldest, longer=0.0), coldest)
+            if stroke > found.stroke + 1e-3:
+                found = DividedPulse(current, parts, stroke, hottest)
+            if stroke >= 1.0 - TRANSFORMED:
+                break
+    return found
 
-    low, high = 0, round(_MAX_CURRENT / _CURRENT_STEP)
-    while high - low > 1:
-        middle = (low + high) // 2
-        low, high = (middle, high) if welded(make_rig(middle * _CURRENT_STEP, part)) else (low, middle)
-    rig = make_rig(low * _CURRENT_STEP, part)
-    cycle = np.arange(round(60.0 / _DT)) * _DT % (part + _REST)
-    on = (cycle < part - 1e-9)[:, None]
-    cold = HeatModel([springs_at(rig, CORNERS["all three cold"])]).run(on, _DT)
-    below = np.flatnonzero(cold.martensite[:, 0] < TRANSFORMED)
-    time = _DT * (below[0] + 1) if len(below) else np.inf
-    hot = HeatModel([worst_springs(rig)]).run(on[: round(min(time, 60.0) / _DT)], _DT)
-    least = float(cold.martensite.min())
-    return DividedPulse(part, round(low * _CURRENT_STEP, 2), 1 - least, time, float(hot.temperature.max()))
+
+def _peak_if_welded(part: float, springs: SpringParameters) -> float:
+    """Highest temperature of a spring that has just not transformed and rested, and whose contact then stays
+    closed until the timer opens [C]."""
+    angle = np.arccos(2 * TRANSFORMED - 1) / np.pi
+    temperature = springs.austenite_start + angle * (springs.austenite_finish - springs.austenite_start)
+    model = HeatModel([springs])
+    start = model.cool(SpringState(np.array([temperature]), np.array([TRANSFORMED])), _REST)
+    closed = np.ones((round((part + TIMER_MARGIN) / _DT), 1))
+    return float(model.run(closed, _DT, start).temperature.max())
+
+
+def _peak_of_parts(part: float, parts: int, springs: SpringParameters, longer: float = TIMER_STEP) -> float:
+    """Highest temperature of a cold spring in all parts, the last of which is `longer` [s, C]."""
+    on = np.tile(np.arange(round((part + _REST) / _DT)) < round(part / _DT), parts)
+    on = np.append(on[: len(on) - round(_REST / _DT)], np.ones(round(longer / _DT), bool))
+    return float(HeatModel([springs]).run(on[:, None], _DT).temperature.max())
+
+
+def _martensite_at(temperature: float, springs: SpringParameters) -> float:
+    """Martensite of a spring that was heated from cold to this temperature and not above. The model would let
+    it transform further in each part; a real spring does not before it is hotter than ever."""
+    share = (temperature - springs.austenite_start) / (springs.austenite_finish - springs.austenite_start)
+    return float((1.0 + np.cos(np.pi * np.clip(share, 0.0, 1.0))) / 2.0)
 
 
 WAYS = [
@@ -214,27 +232,30 @@ WAYS = [
     (2.0, 30.0), (3.0, 30.0), (4.0, 30.0), (8.0, 30.0), (12.0, 40.0),
 ]  # fmt: skip
 """Longest pulses and periods [s]."""
+PARTS = (0.5, 1.0, 2.0, 3.0, 6.0)
+"""Parts of divided pulses [s]."""
 
 
 def main() -> int:
     """Status 0."""
     print("| pulses | current | " + " | ".join(CORNERS) + " |\n| --- | --- |" + " --- |" * len(CORNERS))
     for heating, period in WAYS:
-        measured = Pulses(heating, period, TRANSFORMED)
-        for name, pulses, allowed in (
-            ("timed", Pulses(heating, period), is_allowed),
-            ("measured", measured, is_allowed),
-            ("measured and believed", measured, is_allowed_if_measured),
+        timed, measured = Pulses(heating, period), Pulses(heating, period, TRANSFORMED)
+        believed = max_current(measured, is_allowed_if_measured)
+        for name, pulses, current in (
+            ("timed", timed, max_current(timed)),
+            ("measured", measured, max_current(timed)),
+            ("measured and believed", measured, believed),
         ):
-            rule = pulses if allowed is is_allowed_if_measured else Pulses(heating, period)
-            current = max_current(rule, allowed)
             found = " | ".join(f"{mm:.0f}" for mm in strokes(pulses, make_rig(current, heating)))
             print(f"| {name}, {heating:g} s in {period:g} s | {current:.2f} A | {found} |", flush=True)
-    print("\n| part | current | stroke, all three cold | transformed after | hottest if never measured |")
-    print("| --- | --- | --- | --- | --- |")
-    for part in (0.5, 1.0, 2.0, 3.0, 6.0):
-        d = divide(part)
-        print(f"| {part:g} s | {d.current:.2f} A | {d.coldest:.0%} | {d.coldest_time:.1f} s | {d.not_ended:.0f} C |")
+    print("\n| part | believed | current | parts | stroke, all cold | hottest if it never ends |")
+    print("| --- | --- | --- | --- | --- | --- |")
+    for part in PARTS:
+        for believed_to_end in (False, True):
+            d = divide(part, believed_to_end)
+            row = f"{d.current:.2f} A | {d.parts} | {d.stroke:.0%} | {d.hottest:.0f} C"
+            print(f"| {part:g} s | {'yes' if believed_to_end else 'no'} | {row} |", flush=True)
     return 0
 
 
