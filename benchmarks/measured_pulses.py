@@ -1,7 +1,8 @@
 """`python -m benchmarks.measured_pulses DESIGN...`: walks with timed and with measured pulses (decision 59).
 
-Coarse robots, five cycles. Each way to heat has the largest current that its rig's limits allow, and the
-phases that carry samples farthest. A motor has one spring here, by which its pulse ends.
+Coarse robots, five cycles. Each way to heat has the largest current that its rig's limits allow. Ways with
+the same times have the same phases, those that carry samples of the first of them farthest. A motor has one
+spring here, by which its pulse ends.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import numpy as np
 
 from benchmarks.pulses import (
     CORNERS,
+    TIMER_MARGIN,
     TRANSFORMED,
     Allowed,
     Corner,
@@ -45,6 +47,8 @@ _SEARCH_SAMPLES, _SEARCH_SEED, _SEARCH_CYCLES = 8, 12, 1
 _COLD_IN_TEMPLATE = "-5 %, +10 %, 18 C"
 _MEASURED_CURRENT = {"current": 0.02}
 _MEASURED_BOTH = {"current": 0.02, "ambient_max_c": 26.0}
+_MEASURED_ALL = {"current": 0.02, "ambient_max_c": 26.0, "resistance_tolerance": 0.01}
+_EXACT_TIMER = 0.1  # opens so long after the longest pulse [s]
 
 
 @dataclass(frozen=True)
@@ -54,15 +58,19 @@ class Way:
     pulses: Pulses
     allowed: Allowed = is_allowed
     tolerances: dict[str, float] = field(default_factory=dict)
+    timer_margin: float = TIMER_MARGIN
     current: float | None = None
     """Current [A] where no limit of today's allows it."""
 
     @property
     def rig(self) -> Rig:
         """The rig at its largest current, rounded down to 0.05 A."""
-        pulses = self.pulses if self.allowed is is_allowed_if_measured else self.pulses._replace(ends_at=None)
-        most = self.current or max_current(pulses, self.allowed, tuple(self.tolerances.items()))
-        return make_rig(int(most * 20 + 1e-6) / 20, self.pulses.heating, **self.tolerances)
+        believed = self.allowed is is_allowed_if_measured
+        pulses = self.pulses if believed else self.pulses._replace(ends_at=None)
+        most = self.current or max_current(
+            pulses, self.allowed, tuple(self.tolerances.items()), self.timer_margin
+        )
+        return make_rig(int(most * 20 + 1e-6) / 20, self.pulses.heating, self.timer_margin, **self.tolerances)
 
 
 WAYS = {
@@ -77,10 +85,15 @@ WAYS = {
     "measured, 6 s in 40 s": Way(Pulses(6, 40, TRANSFORMED)),
     "timed, 3 s in 30 s": Way(Pulses(3, 30)),
     "measured, 3 s in 30 s": Way(Pulses(3, 30, TRANSFORMED)),
+    "timed, 3 s in 30 s, timer of 3.1 s": Way(Pulses(3, 30), timer_margin=_EXACT_TIMER),
     "timed, current to 2 %": Way(Pulses(6, 30), tolerances=_MEASURED_CURRENT),
     "measured, current to 2 %": Way(Pulses(6, 30, TRANSFORMED), tolerances=_MEASURED_CURRENT),
     "timed, current to 2 %, 18 to 26 C": Way(Pulses(6, 30), tolerances=_MEASURED_BOTH),
     "measured, current to 2 %, 18 to 26 C": Way(Pulses(6, 30, TRANSFORMED), tolerances=_MEASURED_BOTH),
+    "timed, current to 2 %, 18 to 26 C, resistance to 1 %": Way(Pulses(6, 30), tolerances=_MEASURED_ALL),
+    "timed, current to 2 %, 3 s in 30 s, timer of 3.1 s": Way(
+        Pulses(3, 30), tolerances=_MEASURED_CURRENT, timer_margin=_EXACT_TIMER
+    ),
     "measured, 12 s at most, a switch at each spring": Way(Pulses(12, 30, TRANSFORMED), current=3.6),
     "the same, 4 A": Way(Pulses(12, 30, TRANSFORMED), current=4.0),
 }
@@ -116,7 +129,7 @@ class Robot:
         """Walk of the nominal robot at the ends of the rig's tolerances, and at the coldest of the template's
         [body lengths per five cycles]."""
         current = self._rig.supply.current_limit_a or 0.0
-        cold = springs_at(make_rig(current, self._way.pulses.heating), Corner(-1, 1, -1))
+        cold = springs_at(make_rig(current), Corner(-1, 1, -1))
         springs = {name: springs_at(self._rig, corner) for name, corner in CORNERS.items()}
         springs[_COLD_IN_TEMPLATE] = cold
         robots = [replace(self._robots.robot, springs=own) for own in springs.values()]
@@ -165,9 +178,10 @@ def main() -> int:
         design = Design.load(path)
         print(f"\n| {path.parent.name} | current | " + " | ".join(columns))
         print("| --- | --- |" + " --- |" * len(columns))
+        gaits: dict[tuple[float, float], Gait] = {}
         for name, way in WAYS.items():
-            robot = Robot(design, way)
-            gait = robot.find_gait()
+            robot, times = Robot(design, way), way.pulses[:2]
+            gait = gaits[times] = gaits.get(times) or robot.find_gait()
             samples = robot.walks_of_samples(gait)
             found = [*robot.walks_in_corners(gait).values(), samples.mean(), samples.std(ddof=1)]
             cells = " | ".join(f"{walk:.2f}" for walk in [*found, float(np.quantile(samples, 0.05))])

@@ -68,14 +68,16 @@ CORNERS = {
 
 
 def make_rig(
-    current: float = 3.6, heating: float = 6.0, cutoff: float | None = None, **tolerances: float
+    current: float = 3.6, heating: float = 6.0, timer_margin: float = TIMER_MARGIN, **tolerances: float
 ) -> Rig:
-    """The rig of the template with another current [A], longest pulse and cut-off [s], and tolerances."""
+    """The rig of the template with another current [A], longest pulse [s] and cut-off, that much longer [s],
+    and other tolerances, also `resistance_tolerance`."""
     values: Any = parse_yaml(virtual_rig().encode(), "template")
     values["supply"]["current_limit_a"] = current
     values["limits"]["max_on_s"] = heating
-    values["cutoff"]["max_on_s"] = round(heating + TIMER_MARGIN if cutoff is None else cutoff, 3)
-    values["tolerances"] |= tolerances
+    values["cutoff"]["max_on_s"] = round(heating + timer_margin, 3)
+    for name, value in tolerances.items():
+        values["springs" if name == "resistance_tolerance" else "tolerances"][name] = value
     return validate(Rig, values, "rig", "")
 
 
@@ -152,13 +154,16 @@ Allowed = Callable[[Pulses, Rig], bool]
 
 @cache
 def max_current(
-    pulses: Pulses, allowed: Allowed = is_allowed, tolerances: tuple[tuple[str, float], ...] = ()
+    pulses: Pulses,
+    allowed: Allowed = is_allowed,
+    tolerances: tuple[tuple[str, float], ...] = (),
+    timer_margin: float = TIMER_MARGIN,
 ) -> float:
     """The largest current that is allowed, rounded down to a hundredth [A]."""
     low, high = 0, round(_MAX_CURRENT / _CURRENT_STEP)
     while high - low > 1:
         middle = (low + high) // 2
-        rig = make_rig(middle * _CURRENT_STEP, pulses.heating, **dict(tolerances))
+        rig = make_rig(middle * _CURRENT_STEP, pulses.heating, timer_margin, **dict(tolerances))
         low, high = (middle, high) if allowed(pulses, rig) else (low, middle)
     return round(low * _CURRENT_STEP, 2)
 
