@@ -173,13 +173,17 @@ def main() -> int:
     """Status 0."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.measured_pulses", description=__doc__)
     parser.add_argument("designs", type=Path, nargs="+", metavar="DESIGN", help="design with an evolved gait")
+    parser.add_argument("--only", default="", metavar="TEXT", help="ways whose name contains this text")
+    arguments = parser.parse_args()
     columns = [*CORNERS, _COLD_IN_TEMPLATE, "samples", "standard deviation", "5 %"]
-    for path in parser.parse_args().designs:
+    for path in arguments.designs:
         design = Design.load(path)
         print(f"\n| {path.parent.name} | current | " + " | ".join(columns))
         print("| --- | --- |" + " --- |" * len(columns))
         gaits: dict[tuple[float, float], Gait] = {}
         for name, way in WAYS.items():
+            if arguments.only not in name:
+                continue
             robot, times = Robot(design, way), way.pulses[:2]
             gait = gaits[times] = gaits.get(times) or robot.find_gait()
             samples = robot.walks_of_samples(gait)

@@ -68,7 +68,7 @@ CORNERS = {
 
 
 def make_rig(
-    current: float = 3.6, heating: float = 6.0, timer_margin: float = TIMER_MARGIN, **tolerances: float
+    current: float = 3.6, heating: float = 6.0, timer_margin: float = TIMER_MARGIN, /, **tolerances: float
 ) -> Rig:
     """The rig of the template with another current [A], longest pulse [s] and cut-off, that much longer [s],
     and other tolerances, also `resistance_tolerance`."""
