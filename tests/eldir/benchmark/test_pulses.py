@@ -15,8 +15,8 @@ def test_a_measured_pulse_ends_when_the_spring_has_transformed_or_its_time_is_ov
     springs = [pulses.springs_at(rig, CORNERS[name]) for name in ("all hot", "all cold")]
     planned = np.zeros((1200, 2), bool)
     planned[:120] = planned[600:720] = True
-    hot, cold = pulses.heat_measured(planned, springs, TRANSFORMED).current.T > 0
-    martensite = pulses.heat_measured(planned, springs, TRANSFORMED).martensite
+    found = pulses.heat_measured(planned, springs, TRANSFORMED)
+    (hot, cold), martensite = found.current.T > 0, found.martensite
     assert (cold == planned[:, 1]).all()
     for begin in (0, 600):
         heated = int(hot[begin : begin + 600].sum())
