@@ -15,7 +15,7 @@ import numpy as np
 
 from eldir.core.records import BoolArray, FloatArray, IntArray
 from eldir_cad.multibody.hubs import hub_name
-from eldir_cad.multibody.mjcf import add_element
+from eldir_cad.multibody.mjcf_elements import add_element
 from eldir_ros.conversions import NewMessage, header_of
 from eldir_ros.conversions.frames import transform_of
 
