@@ -8,12 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 import trimesh
 
 from eldir.core.records import FloatArray
 from eldir.parameters.printed import BuiltParameters
+from eldir.parameters.wiring import FACES, Face
 from eldir_cad.geometry.assembly import Assembly, Placement
 from eldir_cad.geometry.shapes import stl
 from eldir_cad.kit.specification import Specification
@@ -22,6 +24,9 @@ TO_MODEL = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 """Rotation from the assembly's axes (y up, z to the front) to those of the model (z up, y to the back)."""
 BETWEEN_HUBS = ("passive_spring", "spring_end")  # parts that do not move with one hub
 _MM = 1e-3
+
+HubPart = Literal["front", "back", "connector"]
+"""A part of a hub: the disc of a face, or what joins both."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,37 +69,62 @@ def hub_inertias(
     nominal: BuiltParameters,
     ballast: FloatArray,
 ) -> list[Inertia]:
-    """The hubs of a robot with both faces.
+    """The hubs of a robot with both faces, from the arguments of `disc_inertias`."""
+    parts = disc_inertias(assembly, spec, density, parameters, nominal, ballast)
+    return [sum(list(own.values())[1:], own["front"]) for own in parts]
+
+
+def disc_inertias(
+    assembly: Assembly,
+    spec: Specification,
+    density: float,
+    parameters: BuiltParameters,
+    nominal: BuiltParameters,
+    ballast: FloatArray,
+) -> list[dict[HubPart, Inertia]]:
+    """The discs of every hub on both faces, and its connector if it has one, about the hub's centre.
 
     `density` [g/cm3] of the resin. `parameters`: those of this robot; its hexagons and connectors weigh as
     much more than their volume says as they differ from `nominal`. `ballast` [kg] on each hub, shape (M,), as
-    a disc as wide as its holder.
+    discs as wide as their holders, half of it on each face.
     """
     scales = {
         "mass": parameters.hexagon / nominal.hexagon,
         "cap": parameters.hexagon / nominal.hexagon,
         "connector": parameters.half_connector / nominal.half_connector,
     }
-    inertias: dict[int, Inertia] = {}
+    parts: list[dict[HubPart, Inertia]] = [{} for _ in assembly.centres]
+
+    def add(hub: int, name: HubPart, inertia: Inertia) -> None:
+        own = parts[hub]
+        own[name] = own[name] + inertia if name in own else inertia
+
     for placement in assembly.placements:
         if placement.part in BETWEEN_HUBS:
             continue
         (hub,) = placement.masses
-        part = _part_inertia(assembly, placement, hub, density, scales)
-        inertias[hub] = inertias[hub] + part if hub in inertias else part
+        add(hub, placement.face or "connector", _part_inertia(assembly, placement, hub, density, scales))
     body = assembly.morphology
-    for (a, b), active in zip(body.springs.tolist(), body.active, strict=True):
-        along = (assembly.centres[b] - assembly.centres[a]) / spec.pitch
-        half = parameters.active_spring if active else parameters.strip  # half of it, on two faces
-        for hub, sign in ((a, 1), (b, -1)):
-            position = sign * _MM * spec.bulb_radius_at * np.array([along[0], 0.0, along[1]])
-            inertias[hub] = inertias[hub] + Inertia.point(half, position)
-    radius = _MM * spec.holder.across_flats / 2
-    for hub, weight in enumerate(ballast.tolist()):
-        if weight > 0:
-            disc = weight * radius**2 * np.diag([0.25, 0.5, 0.25])
-            inertias[hub] = inertias[hub] + Inertia(weight, np.zeros(3), disc)
-    return [inertias[hub] for hub in range(len(assembly.centres))]
+    for face in FACES:
+        across = _MM * face_side(face) * np.array([0.0, spec.springs_at, 0.0])
+        for (a, b), active in zip(body.springs.tolist(), body.active, strict=True):
+            along = (assembly.centres[b] - assembly.centres[a]) / spec.pitch
+            half = (parameters.active_spring if active else parameters.strip) / 2
+            for hub, sign in ((a, 1), (b, -1)):
+                position = sign * _MM * spec.bulb_radius_at * np.array([along[0], 0.0, along[1]])
+                add(hub, face, Inertia.point(half, position + across))
+        radius = _MM * spec.holder.across_flats / 2
+        for hub, weight in enumerate((ballast / 2).tolist()):
+            if weight > 0:
+                disc = weight * radius**2 * np.diag([0.25, 0.5, 0.25])
+                outside = _MM * face_side(face) * np.array([0.0, spec.outside, 0.0])
+                add(hub, face, Inertia(weight, outside, disc))
+    return parts
+
+
+def face_side(face: Face) -> int:
+    """Sign of a face's position on the model's y axis, which points to the back."""
+    return -1 if face == "front" else 1
 
 
 def _part_inertia(

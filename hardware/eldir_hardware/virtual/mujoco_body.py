@@ -23,6 +23,7 @@ from eldir_cad.checks.contacts import point_distance
 from eldir_cad.kit import PRINTER
 from eldir_cad.kit.printer import load_printer
 from eldir_cad.kit.specification import Specification, load_specification
+from eldir_cad.multibody.biplane import Biplane
 from eldir_cad.multibody.hubs import hub_name
 from eldir_cad.multibody.mjcf import mjcf_text
 from eldir_cad.multibody.model import Multibody, build_multibody
@@ -72,27 +73,18 @@ class MujocoBody:
             self.remark = f"{parts} pass through each other, first {self._time:.1f} s after power-on"
 
 
-class MujocoMotion:
-    """A multibody model in MuJoCo whose coils follow free lengths."""
+class CoilDrivenMotion:
+    """A robot in MuJoCo whose coils follow free lengths: what models in the plane and out of it share."""
 
-    def __init__(self, model: Multibody, free: tuple[float, float]):
+    def __init__(self, xml: str, model: Multibody | Biplane, free: tuple[float, float]):
         """`free`: cold and hot free length [m], between which the stiffness goes from cold to hot."""
         self._engine = engine = _mujoco()
-        self._multibody, self._free = model, free
-        self.model = engine.MjModel.from_xml_string(mjcf_text(model))
+        self._robot, self._free = model, free
+        self.model = engine.MjModel.from_xml_string(xml)
         """The compiled model (mujoco.MjModel)."""
         self.data = engine.MjData(self.model)
         """Its state (mujoco.MjData)."""
-        names = [hub_name(i) for i in range(len(model.hubs))]
-        self._hubs = [self.model.body(name).id for name in names]
-        self._feet = [self.model.geom(f"{name}_foot").id for name in names]
-        self._friction = self.model.geom_friction[self._feet, 0].copy()
         engine.mj_kinematics(self.model, self.data)
-
-    @property
-    def positions(self) -> FloatArray:
-        """Centres of the hubs over the table [m], shape (M, 2)."""
-        return np.array(self.data.xpos[self._hubs][:, [0, 2]])
 
     @property
     def coil_lengths(self) -> FloatArray:
@@ -111,7 +103,7 @@ class MujocoMotion:
         require_value("interval", whole, f"a multiple of the step, n x {step:g} s", f"{interval:g} s")
         steps = steps if total % steps == 0 else 1
         commands = total // steps
-        wanted, forces = self._multibody.coil_commands(lengths, self._free)
+        wanted, forces = self._robot.coil_commands(lengths, self._free)
         for before in range(len(lengths) - 1):
             for command in range(commands):
                 part = (command + 0.5) / commands
@@ -127,6 +119,27 @@ class MujocoMotion:
         self.data.ctrl[:] = lengths
         self.model.actuator_gainprm[:, 0] = stiffness
         self.model.actuator_biasprm[:, 1] = -stiffness
+
+
+class MujocoMotion(CoilDrivenMotion):
+    """A multibody model in MuJoCo that moves in its plane."""
+
+    def __init__(self, model: Multibody, free: tuple[float, float]):
+        """`free`: as of `CoilDrivenMotion`."""
+        super().__init__(mjcf_text(model), model, free)
+        self._multibody = model
+        names = [hub_name(i) for i in range(len(model.hubs))]
+        self._hubs = [self.model.body(name).id for name in names]
+        self._feet = [self.model.geom(f"{name}_foot").id for name in names]
+        self._friction = self.model.geom_friction[self._feet, 0].copy()
+
+    @property
+    def positions(self) -> FloatArray:
+        """Centres of the hubs over the table [m], shape (M, 2)."""
+        return np.array(self.data.xpos[self._hubs][:, [0, 2]])
+
+    def _command(self, lengths: FloatArray, stiffness: FloatArray) -> None:
+        super()._command(lengths, stiffness)
         if self._multibody.parameters.backward_friction != 1.0:
             self._choose_friction()
 
