@@ -24,7 +24,7 @@ from eldir_cad.kit import PRINTER
 from eldir_cad.kit.printer import load_printer
 from eldir_cad.kit.specification import load_specification
 from eldir_cad.multibody.model import Numerics, build_multibody
-from eldir_calibration.transfer.compared_walks import FINE_NUMERICS, measure_walk
+from eldir_calibration.transfer.mujoco_walks import FINE_NUMERICS, measure_walk
 
 _STEPS = {"MuJoCo, 0.33 ms (rig)": Numerics(), "MuJoCo, 0.1 ms (transfer)": FINE_NUMERICS}
 _CYCLES = 1

@@ -80,7 +80,7 @@ def built(*, out: Out, quick: Quick = False) -> None:
     if find_spec("mujoco") is None:
         say("MuJoCo is left out: pip install 'eldir[mujoco]'")
     else:
-        from eldir_calibration.transfer.compared_walks import walk_given_robot
+        from eldir_calibration.transfer.mujoco_walks import walk_given_robot
         from eldir_hardware.virtual.mujoco_body import mujoco_version
 
         others[f"{mujoco_version()}, 5 cycles"] = walk_given_robot

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -26,10 +26,20 @@ def transfer(
     phases: Annotated[
         int, typer.Option(min=0, max=15, help="Also compare this many other phases of each gait.")
     ] = 0,
+    dimensions: Annotated[
+        int,
+        typer.Option(
+            min=2,
+            max=3,
+            help="3: each face has its own strips, feet and springs in MuJoCo, and robots may turn and fall "
+            "sideways; three times the time. 2: both faces are one.",
+        ),
+    ] = 2,
     explain: Annotated[
         bool,
         typer.Option(
-            "--explain", help="Also simulate without hubs, sockets, feet, contact and slope, one by one."
+            "--explain",
+            help="Also simulate without hubs, sockets, feet, contact and slope, one by one, in the plane.",
         ),
     ] = False,
     rig: Annotated[
@@ -62,12 +72,13 @@ def transfer(
     from eldir_hardware.planning.workshop import make_workshop
     from eldir_hardware.rig.configuration import Rig
 
+    space: Literal[2, 3] = 3 if dimensions == 3 else 2
     if rig is None:
-        config = TransferConfig(samples, cycles, phases, seed, make_workshop().springs)
+        config = TransferConfig(samples, cycles, phases, seed, space, make_workshop().springs)
     else:
         loaded = Rig.load(rig)
         springs, tolerances = loaded.spring_parameters(), loaded.spring_tolerances()
-        config = TransferConfig(samples, cycles, phases, seed, springs, tolerances)
+        config = TransferConfig(samples, cycles, phases, seed, space, springs, tolerances)
     result = _compare(names, config, explain, engine)
 
     write_transfer(result, out)

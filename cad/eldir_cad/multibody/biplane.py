@@ -98,13 +98,13 @@ def build_biplane(
     tilt: float = 0.0,
     side_tilt: float = 0.0,
     terrain: Terrain | None = None,
-    yields: bool = False,
 ) -> Biplane:
     """The model of a design's robot with its faces apart.
 
     As `build_multibody`, except: `strip_extensions` of both faces, shape (2, S), and `friction_factors` of
-    the feet of both, shape (2, M), front first. `side_tilt`: slope of the table to the back [rad]. `yields`:
-    whether connectors yield.
+    the feet of both, shape (2, M), front first. `side_tilt`: slope of the table to the back [rad].
+    Connectors are rigid, because they change a walk by less than two robots differ; see
+    `with_yielding_connectors`.
     """
     count = len(morphology.positions)
     extensions = np.zeros((2, len(morphology.springs))) if strip_extensions is None else strip_extensions
@@ -136,7 +136,7 @@ def build_biplane(
         plane,
         front,
         back,
-        [pair_discs(own["front"], own["back"], own.get("connector"), yields) for own in parts],
+        [pair_discs(own["front"], own["back"], own.get("connector")) for own in parts],
         springs_at=1e-3 * spec.springs_at,
         outside=1e-3 * spec.outside,
         connector=connector_stiffness(spec, printer),
@@ -171,6 +171,14 @@ def lateral_rotation(spec: Specification) -> float:
     tip = spec.bulb_radius_at - spec.strip.bulb_diameter / 2
     rim = (spec.mass.across_flats + spec.connector.flange_diameter) / 4
     return math.atan(room / (rim - tip))
+
+
+def with_yielding_connectors(model: Biplane) -> Biplane:
+    """Connectors that twist and shear as the part does: the motion takes twice the time."""
+    return replace(
+        model,
+        discs=[replace(d, joining="yielding") if d.joining == "rigid" else d for d in model.discs],
+    )
 
 
 def with_lateral_rotation(model: Biplane, angle: float) -> Biplane:

@@ -64,8 +64,8 @@ class DiscPair:
         return np.linalg.inv(sum((m.T @ _spatial(one) @ m for m, one in pairs), np.zeros(())))
 
 
-def pair_discs(front: Inertia, back: Inertia, connector: Inertia | None, yields: bool) -> DiscPair:
-    """Two discs, each with half of the connector between them, where there is one."""
+def pair_discs(front: Inertia, back: Inertia, connector: Inertia | None) -> DiscPair:
+    """Two discs, each with half of the rigid connector between them, where there is one."""
     if connector is None:
         return DiscPair(front, back, "apart")
     reach = float(back.centre[1] - front.centre[1]) / 4  # of a half's centre from the middle
@@ -73,7 +73,7 @@ def pair_discs(front: Inertia, back: Inertia, connector: Inertia | None, yields:
     own = connector.tensor / 2 - half * reach**2 * np.diag([1.0, 0.0, 1.0])
     across = np.array([0.0, reach, 0.0])
     halves = [Inertia(half, connector.centre + sign * across, own) for sign in (-1, 1)]
-    return DiscPair(front + halves[0], back + halves[1], "yielding" if yields else "rigid")
+    return DiscPair(front + halves[0], back + halves[1], "rigid")
 
 
 def _spatial(inertia: Inertia) -> FloatArray:

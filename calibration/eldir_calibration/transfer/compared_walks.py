@@ -1,164 +1,44 @@
-"""Walks of designs as predicted by the engine, and in MuJoCo with other samples of the robots.
-
-How far a robot walks in MuJoCo is measured as `eldir.built.walking` measures its own robots.
-"""
+"""Walks of designs as predicted by the engine, and in MuJoCo with other samples of the robots."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from threading import Event
 from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field, NonNegativeInt
 
-from eldir.built.gait import CYCLES, FreeLengths, Gait, free_lengths, read_gait
-from eldir.built.heat import join_hubs
-from eldir.built.robot import build, min_area_ratio
+from eldir.built.gait import Gait, read_gait
 from eldir.built.samples import NominalRobots, SampledWalks, sample_walks
 from eldir.built.screening import screen
-from eldir.built.walking import FOLDED_AREA_RATIO, MAX_TIE_SHARE, TOPPLED_ANGLE, rotation
-from eldir.core.records import BoolArray, FloatArray, IntArray, Record, record
+from eldir.built.walking import MAX_TIE_SHARE
+from eldir.core.records import BoolArray, FloatArray, Record, record
 from eldir.design import Design
 from eldir.engine.threads import worker_threads
-from eldir.errors import EldirError, InputError
-from eldir.morphology import Morphology
+from eldir.errors import InputError
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
 from eldir.parameters.tolerances import RigTolerances
-from eldir_cad.kit import PRINTER
-from eldir_cad.kit.printer import load_printer
-from eldir_cad.kit.specification import load_specification
-from eldir_cad.multibody.model import Multibody, Numerics, build_multibody
 from eldir_calibration.report.verdict import prediction_interval
-from eldir_hardware.virtual.mujoco_body import MujocoMotion, sample_multibody
+from eldir_calibration.transfer.biplane_walks import BiplaneWalk, walk_sampled_biplane
+from eldir_calibration.transfer.mujoco_walks import MujocoWalk, WalkFault, walk_sampled_robot
 
 _MAX_PERIOD = 120.0  # period of a gait [s]: as of a schedule
 StepProgress = Callable[[str, float], None]
 """Called with the present step, and how many steps have been done since the last call."""
-FINE_NUMERICS = Numerics(step=1e-4, contact_time=2e-4)
-"""Three times as fine as on the virtual rig: walks of small robots change by up to a third between both, and
-by 0.02 beyond this (docs/reference/second-physics-measured.md)."""
-_SAMPLE_ROWS = 20  # rows of free lengths between positions kept: one second
-_FACES = 2
-
-WalkFault = Literal["", "turns over", "folds", "buckles a coil", "fails"]
-
-
-@dataclass(frozen=True)
-class MujocoWalk:
-    """How far a robot walks in MuJoCo."""
-
-    displacement: float
-    """[Body lengths per five cycles]; minus infinity where it falls, in the sense of `fault`."""
-    fault: WalkFault = ""
-    """Why it does not count as a walk: "turns over" (by 45 degrees), "folds" (a triangle), "buckles a coil",
-    or "fails" (the simulation); empty if it walks."""
-
-
-def walk_sampled_robot(
-    design: Design,
-    gait: Gait,
-    seed: int,
-    springs: SpringParameters,
-    tolerances: RigTolerances,
-    cycles: int,
-    cancelled: Event | None = None,
-) -> MujocoWalk:
-    """Walk of the robot that a seed gives the virtual rig.
-
-    Robot, feet, slope of the table, all springs together and each by itself deviate by the seed from the
-    nominal `springs`. `cycles` are counted, after one that is not. Once `cancelled` is set it gives up.
-    """
-    sample = sample_multibody(design.morphology, seed, design.ballast, terrain=design.printed_terrain)
-    model = replace(sample, numerics=FINE_NUMERICS)
-    on_rig = tolerances.perturb_by_seed(springs, seed)
-    heating = sample_heating(gait, seed, on_rig, cycles, design.morphology.motor_hubs)
-    return measure_walk(model, design.morphology, heating, cycles, springs, cancelled)
-
-
-def walk_given_robot(
-    morphology: Morphology, robot: RobotParameters, table: FreeLengths, cycles: int
-) -> float:
-    """Walk of a robot with these parameters under prescribed free lengths, in the time steps of the virtual
-    rig [body lengths per five cycles]; minus infinity where it falls."""
-    model = build_multibody(
-        morphology,
-        load_specification(),
-        load_printer(PRINTER),
-        robot.printed,
-        strip_extensions=robot.strips if len(robot.strips) else None,
-        friction_factors=robot.feet if len(robot.feet) else None,
-    )
-    return measure_walk(model, morphology, table, cycles, robot.springs).displacement
-
-
-def sample_heating(
-    gait: Gait, seed: int, springs: SpringParameters, cycles: int, hubs: IntArray | None = None
-) -> FreeLengths:
-    """Free lengths of motors whose springs, one on each face, deviate by the seed; a motor follows their
-    mean. `hubs` of each motor: heat passes between springs of one face."""
-    deviations = np.random.default_rng([seed, 3])
-    motors = len(gait.phase)
-    own = [springs.perturb(deviations) for _ in range(_FACES * motors)]
-    both = Gait(gait.period, np.repeat(gait.phase, _FACES), np.repeat(gait.duty, _FACES))
-    if hubs is not None:  # each face has its own
-        hubs = join_hubs([hubs] * _FACES).reshape(_FACES, motors, 2).swapaxes(0, 1).reshape(-1, 2)
-    table = free_lengths(both, own, cycles, hubs=hubs)
-    return replace(table, lengths=table.lengths.reshape(-1, motors, _FACES).mean(axis=2))
-
-
-def measure_walk(
-    model: Multibody,
-    morphology: Morphology,
-    table: FreeLengths,
-    cycles: int,
-    springs: SpringParameters,
-    cancelled: Event | None = None,
-) -> MujocoWalk:
-    """Walk of a model of this body under prescribed free lengths. Raises `MissingDependencyError` without
-    MuJoCo."""
-    free = springs.cold_length, springs.hot_length
-    motion = MujocoMotion(model, free)
-    positions, shortened = [motion.positions], []
-    for row in range(0, len(table.lengths) - _SAMPLE_ROWS, _SAMPLE_ROWS):
-        if cancelled is not None and cancelled.is_set():
-            return MujocoWalk(-np.inf, "fails")
-        try:
-            motion.follow(table.lengths[row : row + _SAMPLE_ROWS + 1], table.interval)
-        except EldirError:
-            return MujocoWalk(-np.inf, "fails")
-        positions.append(motion.positions)
-        between_hinges, _ = model.coil_commands(table.lengths[row + _SAMPLE_ROWS][None], free)
-        shortened.append(between_hinges[0] - motion.coil_lengths)
-    return evaluate_walk(morphology, np.array(positions), np.array(shortened), table, cycles)
-
-
-def evaluate_walk(
-    morphology: Morphology, positions: FloatArray, shortened: FloatArray, table: FreeLengths, cycles: int
-) -> MujocoWalk:
-    """`positions` [m] every `_SAMPLE_ROWS` rows of the table, shape (T + 1, M, 2); `shortened`: how much
-    shorter than free each coil is between its hinges [m], in all of them but the first, shape (T, A)."""
-    robot = build(morphology)
-    if np.abs(rotation(robot.positions, positions)).max() > TOPPLED_ANGLE:
-        return MujocoWalk(-np.inf, "turns over")
-    # Hubs may touch each other: MuJoCo knows their contact.
-    if min_area_ratio(robot, positions) < FOLDED_AREA_RATIO:
-        return MujocoWalk(-np.inf, "folds")
-    most = SpringParameters().buckling_shortening(table.lengths[_SAMPLE_ROWS::_SAMPLE_ROWS][: len(shortened)])
-    if (shortened > most).any():
-        return MujocoWalk(-np.inf, "buckles a coil")
-    forward = positions[-1, :, 0].mean() - positions[table.first_cycle // _SAMPLE_ROWS, :, 0].mean()
-    return MujocoWalk(float(forward / robot.body_length * CYCLES / cycles))
 
 
 @record
 class SimulationExtent(Record):
     """Extent of the simulations."""
+
+    OPTIONAL = frozenset({"dimensions"})
+    """Keys that files of version 0.1.0 do not have."""
 
     samples: Annotated[int, Field(ge=2)] = 8
     """Number of robots of each prediction, and of as many others in MuJoCo."""
@@ -168,6 +48,8 @@ class SimulationExtent(Record):
     """Number of other phases of each gait that are compared too."""
     seed: NonNegativeInt = 0
     """Random seed of the samples."""
+    dimensions: Annotated[Literal[2, 3], Field(exclude_if=lambda value: value == 2)] = 2
+    """Dimensions in which robots move in MuJoCo: in their plane, or in space, with each face by itself."""
 
 
 @record
@@ -206,6 +88,8 @@ class ComparedWalk(Record):
     mujoco: SampledWalks
     faults: tuple[WalkFault, ...]
     """Why a robot in MuJoCo did not walk (see `MujocoWalk`), empty if it did."""
+    in_space: tuple[BiplaneWalk, ...] = ()
+    """How each robot in MuJoCo leaves its plane; empty where it cannot."""
 
     @property
     def tied(self) -> bool:
@@ -227,6 +111,17 @@ class ComparedWalk(Record):
         low, high = self.interval or (np.inf, -np.inf)
         falls = bool(self.predicted.fallen > 0)
         return np.where(np.isfinite(walks), (low <= walks) & (walks <= high), falls)
+
+    @property
+    def largest_yaw(self) -> float:
+        """Largest rotation of a robot in MuJoCo about the vertical, either way [rad per five cycles];
+        NaN where none is known."""
+        return max((abs(walk.yaw) for walk in self.in_space if np.isfinite(walk.yaw)), default=np.nan)
+
+    @property
+    def largest_roll(self) -> float:
+        """Largest lean to either side of a robot in MuJoCo [rad]; NaN where none is known."""
+        return max((walk.roll for walk in self.in_space if np.isfinite(walk.roll)), default=np.nan)
 
     @property
     def fault_counts(self) -> dict[str, int]:
@@ -315,7 +210,8 @@ def compare_walks(
                 progress(f"MuJoCo: {one.file}", 1)
             mujoco = SampledWalks(np.array([walk.displacement for walk in walks_in_mujoco]))
             faults = tuple(walk.fault for walk in walks_in_mujoco)
-            compared.append(ComparedWalk(one.file, gait, k == 0, walks, seeds, mujoco, faults))
+            in_space = tuple(walk for walk in walks_in_mujoco if isinstance(walk, BiplaneWalk))
+            compared.append(ComparedWalk(one.file, gait, k == 0, walks, seeds, mujoco, faults, in_space))
     return compared
 
 
@@ -325,10 +221,11 @@ def _walk_in_parallel(
     """Walks in MuJoCo, one in each thread: it computes without Python's lock. The order is that of the
     seeds."""
     cancelled = Event()
+    walk = walk_sampled_robot if settings.dimensions == 2 else walk_sampled_biplane
     with ThreadPoolExecutor(worker_threads()) as pool:
         try:
             yield from pool.map(
-                lambda seed: walk_sampled_robot(
+                lambda seed: walk(
                     design, gait, seed, settings.springs, settings.tolerances, settings.cycles, cancelled
                 ),
                 seeds,

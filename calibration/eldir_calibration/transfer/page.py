@@ -24,9 +24,9 @@ from eldir_calibration.transfer.compared_walks import (
     ComparedWalk,
     SimulationExtent,
     TransferConfig,
-    WalkFault,
     WalkingDesign,
 )
+from eldir_calibration.transfer.mujoco_walks import WalkFault
 from eldir_calibration.transfer.verdict import (
     GOALS,
     ExplainedWalk,
@@ -46,8 +46,6 @@ Count = Annotated[int, Field(ge=0)]
 @record
 class SettingsNumbers(SimulationExtent):
     """How much was simulated."""
-
-    OPTIONAL = frozenset()
 
     interval_probability: Annotated[float, Field(gt=0, lt=1)] = CONFIDENCE_LEVEL
     """Probability of the prediction's interval."""
@@ -101,8 +99,23 @@ class EngineWalkNumbers(Record):
 
 
 @record
+class InSpaceNumbers(Record):
+    """How a robot in MuJoCo leaves its plane; null where the simulation fails."""
+
+    yaw_deg: Number
+    """Rotation about the vertical, to the back of the robot's first direction [degrees per five cycles]."""
+    roll_deg: Number
+    """Largest lean to either side [degrees]."""
+    drift: Number
+    """Motion to the back [body lengths per five cycles]."""
+
+
+@record
 class MujocoWalkNumbers(Record):
     """The walk in MuJoCo."""
+
+    OPTIONAL = frozenset({"in_space"})
+    """Keys that files of version 0.1.0 do not have."""
 
     seeds: tuple[Count, ...]
     """Random seed of each robot."""
@@ -114,6 +127,8 @@ class MujocoWalkNumbers(Record):
     """Whether each robot does what was predicted."""
     faults: tuple[WalkFault, ...]
     """Why a robot did not walk; empty if it did."""
+    in_space: Annotated[tuple[InSpaceNumbers, ...], Field(exclude_if=lambda value: not value)] = ()
+    """How each robot leaves its plane; only with --dimensions 3."""
 
 
 @record
@@ -148,7 +163,14 @@ class WalkNumbers(Record):
             one.tied,
             EngineWalkNumbers(tuple(walks.tolist()), one.means[0], one.interval),
             MujocoWalkNumbers(
-                one.seeds, tuple(there.tolist()), one.means[1], one.within_interval, one.faults
+                one.seeds,
+                tuple(there.tolist()),
+                one.means[1],
+                one.within_interval,
+                one.faults,
+                tuple(
+                    InSpaceNumbers(math.degrees(w.yaw), math.degrees(w.roll), w.drift) for w in one.in_space
+                ),
             ),
         )
 
@@ -206,7 +228,7 @@ class TransferResult:
         return TransferNumbers(
             f"eldir {__version__}",
             self.engine,
-            SettingsNumbers(s.samples, s.cycles, s.phases, s.seed),
+            SettingsNumbers(s.samples, s.cycles, s.phases, s.seed, s.dimensions),
             VerdictRecord(
                 verdict.all_walks, verdict.untied, verdict.tied, GOALS, verdict.reached,
                 tuple(verdict.sentences),
@@ -225,6 +247,7 @@ def write_transfer(result: TransferResult, folder: Path) -> None:
         "eldir_calibration.transfer",
         number=_format_signed,
         share=lambda v: f"{v:.0%}" if math.isfinite(v) else "–",
+        degrees=lambda v: f"{math.degrees(v):.0f}°" if math.isfinite(v) else "–",
     )
     page = templates.get_template("transfer.html").render(
         verdict=result.verdict,

@@ -16,13 +16,8 @@ from eldir.core.records import Record, Rounded, record
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
 from eldir_cad.multibody.model import SIMPLIFICATIONS
-from eldir_calibration.transfer.compared_walks import (
-    FINE_NUMERICS,
-    ComparedWalk,
-    TransferConfig,
-    WalkingDesign,
-    measure_walk,
-)
+from eldir_calibration.transfer.compared_walks import ComparedWalk, TransferConfig, WalkingDesign
+from eldir_calibration.transfer.mujoco_walks import FINE_NUMERICS, measure_walk
 from eldir_hardware.virtual.mujoco_body import sample_multibody
 
 Goal = Literal["spearman", "right_sign", "coverage", "mean_error"]

@@ -91,6 +91,11 @@ class CoilDrivenMotion:
         """Lengths of the coils between their hinges, at the last step [m], shape (A,)."""
         return np.array(self.data.actuator_length)
 
+    def between_hinges(self, lengths: FloatArray) -> FloatArray:
+        """Free lengths between hinges of free lengths between centres [m], shape (A,) each."""
+        wanted, _ = self._robot.coil_commands(lengths[None], self._free)
+        return wanted[0]
+
     def follow(self, lengths: FloatArray, interval: float) -> None:
         """Move by free lengths [m] at instants 0, `interval`, ... [s], linear between them, shape (K + 1, A).
 

@@ -23,19 +23,17 @@ from eldir.parameters.springs import SpringParameters
 from eldir.parameters.tolerances import RigTolerances
 from eldir_app.application import application
 from eldir_cad.multibody.model import CoilSpring
-from eldir_calibration.transfer import compared_walks
+from eldir_calibration.transfer import mujoco_walks
 from eldir_calibration.transfer.compared_walks import (
-    MujocoWalk,
     TransferConfig,
     WalkingDesign,
     compare_walks,
     count_steps,
     load_walking_design,
-    measure_walk,
     robot_seeds,
-    sample_heating,
     shift_phases,
 )
+from eldir_calibration.transfer.mujoco_walks import MujocoWalk, measure_walk, sample_heating
 from eldir_hardware.planning.workshop import make_workshop
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.virtual.mujoco_body import MujocoMotion, sample_multibody
@@ -178,7 +176,7 @@ def test_what_falls_folds_or_buckles_does_not_walk(fault: str) -> None:
     seconds = len(table.lengths) // 20 + 1
     path = np.repeat(places[None], seconds, axis=0)
     path[-1] += [0.1, 0.0]
-    measured = compared_walks.evaluate_walk
+    measured = mujoco_walks.evaluate_walk
     shortened = np.zeros((seconds - 1, 2))
     cold = replace(table, lengths=np.full_like(table.lengths, FREE[0]))
     assert measured(body, path, shortened, cold, 1).displacement == pytest.approx(
@@ -214,7 +212,7 @@ def test_a_simulation_that_fails_counts_as_a_fall(monkeypatch: pytest.MonkeyPatc
     def blown(*_: object) -> None:
         raise EldirError("the virtual robot's body blew up")
 
-    monkeypatch.setattr(compared_walks.MujocoMotion, "follow", blown)
+    monkeypatch.setattr(mujoco_walks.MujocoMotion, "follow", blown)
     body = DESIGN.morphology
     table = free_lengths(GAIT, cycles=1)
     assert measure_walk(robot(body), body, table, 1, SpringParameters()) == MujocoWalk(FALL, "fails")
@@ -241,7 +239,7 @@ def test_every_robot_of_every_gait_is_driven_once(monkeypatch: pytest.MonkeyPatc
     """Gaits of a design have the same robots, designs have others; springs come from the settings."""
     springs = replace(SpringParameters(), supply_voltage=5.0)
     tolerances = RigTolerances(current=0.02)
-    settings = TransferConfig(3, 1, 2, 10, springs, tolerances)
+    settings = TransferConfig(3, 1, 2, 10, springs=springs, tolerances=tolerances)
     driven: list[tuple[str, tuple[float, ...], int]] = []
 
     def predicted(robots: NominalRobots, gaits: list[Gait], n: int, seed: int) -> list[SampledWalks]:
@@ -328,7 +326,7 @@ def test_without_mujoco_one_line_says_what_to_do(tmp_path: Path, monkeypatch: py
 def test_an_interrupted_run_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Ctrl-C in the second robot in MuJoCo."""
     done: list[int] = []
-    follow = compared_walks.MujocoMotion.follow
+    follow = mujoco_walks.MujocoMotion.follow
 
     def interrupted(self: object, lengths: np.ndarray, interval: float) -> None:
         done.append(1)
@@ -336,7 +334,7 @@ def test_an_interrupted_run_leaves_nothing(tmp_path: Path, monkeypatch: pytest.M
             raise KeyboardInterrupt
         follow(self, lengths, interval)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(compared_walks.MujocoMotion, "follow", interrupted)
+    monkeypatch.setattr(mujoco_walks.MujocoMotion, "follow", interrupted)
     DESIGN.save(tmp_path / "tiny.json")
     found = transfer(tmp_path / "tiny.json", *SMALL, "--out", tmp_path / "out")
     assert found.exit_code != 0 and 8 <= len(done) < 20, "robots that walk beside it go on for a moment"

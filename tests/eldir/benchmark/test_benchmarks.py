@@ -18,7 +18,7 @@ from eldir.engine.device.records import DeviceResult
 from eldir.morphology import Morphology
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
-from eldir_calibration.transfer.compared_walks import walk_given_robot
+from eldir_calibration.transfer.mujoco_walks import walk_given_robot
 from tests.eldir.built.braced_robots import bodies
 from tests.paths import SCHEMAS
 

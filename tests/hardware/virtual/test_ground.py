@@ -22,7 +22,7 @@ from eldir.parameters.tolerances import RigTolerances
 from eldir.terrain import Terrain
 from eldir_cad.kit.printer import fit_to_printer, load_printer
 from eldir_cad.kit.specification import load_specification
-from eldir_calibration.transfer.compared_walks import walk_sampled_robot
+from eldir_calibration.transfer.mujoco_walks import walk_sampled_robot
 from eldir_hardware.planning.model_export import export_robot
 from eldir_hardware.virtual.bodies import EngineBody
 from eldir_hardware.virtual.mujoco_body import MujocoBody, MujocoMotion, sample_multibody

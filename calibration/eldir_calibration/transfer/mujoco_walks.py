@@ -1,0 +1,173 @@
+"""Walks of robots in MuJoCo, measured as `eldir.built.walking` measures its own robots."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from threading import Event
+from typing import Literal
+
+import numpy as np
+
+from eldir.built.gait import CYCLES, FreeLengths, Gait, free_lengths
+from eldir.built.heat import join_hubs
+from eldir.built.robot import build, min_area_ratio
+from eldir.built.walking import FOLDED_AREA_RATIO, TOPPLED_ANGLE, rotation
+from eldir.core.records import FloatArray, IntArray
+from eldir.design import Design
+from eldir.errors import EldirError
+from eldir.morphology import Morphology
+from eldir.parameters.robot import RobotParameters
+from eldir.parameters.springs import SpringParameters
+from eldir.parameters.tolerances import RigTolerances
+from eldir_cad.kit import PRINTER
+from eldir_cad.kit.printer import load_printer
+from eldir_cad.kit.specification import load_specification
+from eldir_cad.multibody.model import Multibody, Numerics, build_multibody
+from eldir_hardware.virtual.mujoco_body import CoilDrivenMotion, MujocoMotion, sample_multibody
+
+FINE_NUMERICS = Numerics(step=1e-4, contact_time=2e-4)
+"""Three times as fine as on the virtual rig: walks of small robots change by up to a third between both, and
+by 0.02 beyond this (docs/reference/second-physics-measured.md)."""
+SAMPLE_ROWS = 20
+"""Rows of free lengths between positions that are kept: one second."""
+_FACES = 2
+
+
+WalkFault = Literal["", "turns over", "falls sideways", "folds", "buckles a coil", "fails"]
+
+
+@dataclass(frozen=True)
+class MujocoWalk:
+    """How far a robot walks in MuJoCo."""
+
+    displacement: float
+    """[Body lengths per five cycles]; minus infinity where it falls, in the sense of `fault`."""
+    fault: WalkFault = ""
+    """Why it does not count as a walk: "turns over" or "falls sideways" (by 45 degrees, the latter in three
+    dimensions), "folds" (a triangle), "buckles a coil", or "fails" (the simulation); empty if it walks."""
+
+
+def walk_sampled_robot(
+    design: Design,
+    gait: Gait,
+    seed: int,
+    springs: SpringParameters,
+    tolerances: RigTolerances,
+    cycles: int,
+    cancelled: Event | None = None,
+) -> MujocoWalk:
+    """Walk of the robot that a seed gives the virtual rig.
+
+    Robot, feet, slope of the table, all springs together and each by itself deviate by the seed from the
+    nominal `springs`. `cycles` are counted, after one that is not. Once `cancelled` is set it gives up.
+    """
+    sample = sample_multibody(design.morphology, seed, design.ballast, terrain=design.printed_terrain)
+    model = replace(sample, numerics=FINE_NUMERICS)
+    on_rig = tolerances.perturb_by_seed(springs, seed)
+    heating = sample_heating(gait, seed, on_rig, cycles, design.morphology.motor_hubs)
+    return measure_walk(model, design.morphology, heating, cycles, springs, cancelled)
+
+
+def walk_given_robot(
+    morphology: Morphology, robot: RobotParameters, table: FreeLengths, cycles: int
+) -> float:
+    """Walk of a robot with these parameters under prescribed free lengths, in the time steps of the virtual
+    rig [body lengths per five cycles]; minus infinity where it falls."""
+    model = build_multibody(
+        morphology,
+        load_specification(),
+        load_printer(PRINTER),
+        robot.printed,
+        strip_extensions=robot.strips if len(robot.strips) else None,
+        friction_factors=robot.feet if len(robot.feet) else None,
+    )
+    return measure_walk(model, morphology, table, cycles, robot.springs).displacement
+
+
+def sample_heating(
+    gait: Gait, seed: int, springs: SpringParameters, cycles: int, hubs: IntArray | None = None
+) -> FreeLengths:
+    """Free lengths of motors whose springs, one on each face, deviate by the seed; a motor follows their
+    mean. `hubs` of each motor: heat passes between springs of one face."""
+    motors = len(gait.phase)
+    table = heat_faces(gait, sample_face_springs(motors, seed, springs), cycles, hubs)
+    return replace(table, lengths=table.lengths.reshape(-1, motors, _FACES).mean(axis=2))
+
+
+def sample_face_springs(motors: int, seed: int, springs: SpringParameters) -> list[SpringParameters]:
+    """The springs that a seed gives both faces, in the order of `heat_faces`."""
+    deviations = np.random.default_rng([seed, 3])
+    return [springs.perturb(deviations) for _ in range(_FACES * motors)]
+
+
+def heat_faces(
+    gait: Gait, springs: Sequence[SpringParameters], cycles: int, hubs: IntArray | None = None
+) -> FreeLengths:
+    """Free lengths of each spring of both faces, in the order front and back of the first motor, front and
+    back of the second: shape (K, 2A). `springs`: in the same order. `hubs` of each motor, shape (A, 2)."""
+    both = Gait(gait.period, np.repeat(gait.phase, _FACES), np.repeat(gait.duty, _FACES))
+    if hubs is not None:  # each face has its own
+        hubs = join_hubs([hubs] * _FACES).reshape(_FACES, -1, 2).swapaxes(0, 1).reshape(-1, 2)
+    return free_lengths(both, springs, cycles, hubs=hubs)
+
+
+def measure_walk(
+    model: Multibody,
+    morphology: Morphology,
+    table: FreeLengths,
+    cycles: int,
+    springs: SpringParameters,
+    cancelled: Event | None = None,
+) -> MujocoWalk:
+    """Walk of a model of this body under prescribed free lengths. Raises `MissingDependencyError` without
+    MuJoCo."""
+    free = springs.cold_length, springs.hot_length
+    motion = MujocoMotion(model, free)
+    positions: list[FloatArray] = []
+    try:
+        shortened = follow_table(motion, table, lambda: positions.append(motion.positions), cancelled)
+    except EldirError:
+        return MujocoWalk(-np.inf, "fails")
+    return evaluate_walk(morphology, np.array(positions), shortened, table, cycles)
+
+
+def follow_table(
+    motion: CoilDrivenMotion,
+    table: FreeLengths,
+    on_second: Callable[[], None],
+    cancelled: Event | None = None,
+) -> FloatArray:
+    """Drive a robot by free lengths of its coils. Returns how much shorter than free each coil is between its
+    hinges [m], after each second: shape (T, A).
+
+    `on_second` is called at the beginning and after each second. Raises `EldirError` where the simulation
+    fails, and once `cancelled` is set.
+    """
+    on_second()
+    shortened = []
+    for row in range(0, len(table.lengths) - SAMPLE_ROWS, SAMPLE_ROWS):
+        if cancelled is not None and cancelled.is_set():
+            raise EldirError("the simulation was cancelled")
+        motion.follow(table.lengths[row : row + SAMPLE_ROWS + 1], table.interval)
+        on_second()
+        shortened.append(motion.between_hinges(table.lengths[row + SAMPLE_ROWS]) - motion.coil_lengths)
+    return np.array(shortened)
+
+
+def evaluate_walk(
+    morphology: Morphology, positions: FloatArray, shortened: FloatArray, table: FreeLengths, cycles: int
+) -> MujocoWalk:
+    """`positions` [m] every `SAMPLE_ROWS` rows of the table, shape (T + 1, M, 2); `shortened`: how much
+    shorter than free each coil is between its hinges [m], in all of them but the first, shape (T, A)."""
+    robot = build(morphology)
+    if np.abs(rotation(robot.positions, positions)).max() > TOPPLED_ANGLE:
+        return MujocoWalk(-np.inf, "turns over")
+    # Hubs may touch each other: MuJoCo knows their contact.
+    if min_area_ratio(robot, positions) < FOLDED_AREA_RATIO:
+        return MujocoWalk(-np.inf, "folds")
+    most = SpringParameters().buckling_shortening(table.lengths[SAMPLE_ROWS::SAMPLE_ROWS][: len(shortened)])
+    if (shortened > most).any():
+        return MujocoWalk(-np.inf, "buckles a coil")
+    forward = positions[-1, :, 0].mean() - positions[table.first_cycle // SAMPLE_ROWS, :, 0].mean()
+    return MujocoWalk(float(forward / robot.body_length * CYCLES / cycles))

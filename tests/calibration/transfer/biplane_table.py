@@ -1,0 +1,105 @@
+"""The table of robots out of their plane in docs/reference/second-physics-measured.md:
+`python -m tests.calibration.transfer.biplane_table DESIGN`.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from eldir.built.gait import FreeLengths, Gait, read_gait
+from eldir.design import Design
+from eldir.parameters.springs import SpringParameters
+from eldir.parameters.tolerances import RigTolerances
+from eldir_cad.kit import PRINTER
+from eldir_cad.kit.printer import load_printer
+from eldir_cad.kit.specification import load_specification
+from eldir_cad.multibody.biplane import (
+    Biplane,
+    build_biplane,
+    with_lateral_rotation,
+    with_yielding_connectors,
+)
+from eldir_calibration.transfer.biplane_walks import measure_biplane_walk
+from eldir_calibration.transfer.mujoco_walks import (
+    FINE_NUMERICS,
+    heat_faces,
+    measure_walk,
+    sample_face_springs,
+)
+from eldir_hardware.planning.workshop import make_workshop
+from eldir_hardware.virtual.biplane_body import sample_biplane
+
+CYCLES, SEEDS = 2, range(1, 7)
+SPRINGS = make_workshop().springs
+MILLIMETRE = np.arctan(1 / 49.6)
+"""Rotation of a strip whose ends are 1 mm beside each other [rad]."""
+
+
+def faces(gait: Gait, front: SpringParameters, back: SpringParameters) -> FreeLengths:
+    return heat_faces(gait, [front, back] * len(gait.phase), CYCLES)
+
+
+def fine(model: Biplane) -> Biplane:
+    return replace(model, plane=replace(model.plane, numerics=FINE_NUMERICS))
+
+
+def cases(design: Design, gait: Gait) -> Iterator[tuple[str, Biplane, FreeLengths]]:
+    """What differs, the model, and free lengths of its coils."""
+    body, parts = design.morphology, (load_specification(), load_printer(PRINTER))
+    alike, nominal = faces(gait, SPRINGS, SPRINGS), fine(build_biplane(body, *parts))
+    yield "nothing", nominal, alike
+    yield "nothing, connectors yield", with_yielding_connectors(nominal), alike
+    rng = np.random.default_rng(1)
+    feet = np.exp(0.1 * rng.standard_normal((2, len(body.positions))))
+    yield "feet, 10 %", fine(build_biplane(body, *parts, friction_factors=feet)), alike
+    yield "table 2 degrees sideways", replace(nominal, side_tilt=np.radians(2.0)), alike
+    longer, shorter = (
+        replace(SPRINGS, cold_length=SPRINGS.cold_length + d, hot_length=SPRINGS.hot_length + d)
+        for d in (1e-3, -1e-3)
+    )
+    yield "coils 2 mm", nominal, faces(gait, longer, shorter)
+    currents = {
+        part: faces(gait, *(replace(SPRINGS, current_limit=SPRINGS.current_limit * (1 + s * part)) for s in (1, -1)))
+        for part in (0.01, 0.02, 0.03)
+    }  # fmt: skip
+    for part, table in currents.items():
+        yield f"current +-{part:.0%}", nominal, table
+        yield f"current +-{part:.0%}, play 1 mm", with_lateral_rotation(nominal, MILLIMETRE), table
+        yield f"current +-{part:.0%}, without play", with_lateral_rotation(nominal, 0.0), table
+    yield "current +-2 %, connectors yield", with_yielding_connectors(nominal), currents[0.02]
+    for seed in SEEDS:
+        rig = RigTolerances().perturb_by_seed(SPRINGS, seed)
+        own = sample_face_springs(len(gait.phase), seed, rig)
+        yield f"all, seed {seed}", fine(sample_biplane(body, seed)), heat_faces(gait, own, CYCLES)
+
+
+def main() -> None:
+    """Print one row for each case: the walk in the plane, in space, yaw, roll, drift, processor times."""
+    design = Design.load(sys.argv[1])
+    gait, known = read_gait(design), {}
+    assert gait is not None
+    for what, model, table in cases(design, gait):
+        mean = replace(table, lengths=table.lengths.reshape(len(table.lengths), -1, 2).mean(axis=2))
+        key = mean.lengths.tobytes(), model.plane.tilt, model.plane.hubs[0].friction
+        if key not in known:
+            begun = time.process_time()
+            flat = measure_walk(model.plane, design.morphology, mean, CYCLES, SPRINGS)
+            known[key] = flat.displacement, time.process_time() - begun
+        begun = time.process_time()
+        walk = measure_biplane_walk(model, design.morphology, table, CYCLES, SPRINGS)
+        spent = time.process_time() - begun
+        print(
+            f"| {what} | {known[key][0]:.2f} | {walk.displacement:.2f} {walk.fault} | "
+            f"{np.degrees(walk.yaw):.0f} | {np.degrees(walk.roll):.1f} | {walk.drift:.2f} | "
+            f"{known[key][1]:.0f} | {spent:.0f} |",
+            flush=True,
+        )
+
+
+if __name__ == "__main__":
+    main()
