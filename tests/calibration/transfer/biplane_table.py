@@ -73,7 +73,10 @@ def cases(design: Design, gait: Gait) -> Iterator[tuple[str, Biplane, FreeLength
     for seed in SEEDS:
         rig = RigTolerances().perturb_by_seed(SPRINGS, seed)
         own = sample_face_springs(len(gait.phase), seed, rig)
-        yield f"all, seed {seed}", sample_biplane(body, seed), heat_faces(gait, own, CYCLES)
+        sample, table = sample_biplane(body, seed), heat_faces(gait, own, CYCLES)
+        yield f"all, seed {seed}", sample, table
+        yield f"all, seed {seed}, play 1 mm", with_lateral_rotation(sample, MILLIMETRE), table
+        yield f"all, seed {seed}, without play", with_lateral_rotation(sample, 0.0), table
 
 
 def main() -> None:
