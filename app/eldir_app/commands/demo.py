@@ -50,6 +50,8 @@ def _summary(result: DemoResult) -> Iterator[str]:
     walk, samples = result.report.displacement, result.choice.spread
     rejected = ", ".join(f"{n} {reason}" for reason, n in result.shortlist.left_out.items())
     yield f"{result.shortlist.considered} evolved bodies; left out: {rejected}"
+    body = result.choice.design.morphology
+    yield f"robot with {len(body.positions)} hubs and {body.motors} motors, body {body.body_name}"
     yield "body lengths per five cycles:"
     yield f"  evolved   {walk['simulated']:+.2f}   the paper's robot {PAPER['simulated']:+.2f}"
     spread = f"{samples.mean:+.2f} +- {samples.spread:.2f}, forward in {samples.probability_forward:.0%}"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
@@ -22,6 +22,7 @@ from eldir.core.files import new_folder, write_bytes
 from eldir.core.pictures import MARK, MOTOR, png
 from eldir.core.records import OMITTED, FileRecord, Record, record
 from eldir.design import marked_masses
+from eldir.morphology import Morphology
 from eldir_cad.checks.kinematics import find_hinges
 from eldir_cad.checks.violations import BuildReport
 from eldir_cad.shortlist.ranking import RankedDesign, Shortlist
@@ -112,10 +113,17 @@ class RankedPrediction(Record):
 class RankingRow(Record):
     """A design of the shortlist."""
 
-    OPTIONAL = frozenset({"id", "generation", "fitness_m"})
+    OPTIONAL = frozenset({"id", "generation", "fitness_m", "same_body_as", "same_springs_as"})
 
     file: str
     """Name of the design file."""
+    body: str
+    """Name of the body, from its springs and motors: equal for the same body in any run, up to a shift and a
+    mirror image."""
+    same_body_as: Annotated[str | None, OMITTED]
+    """File of a better design with the same springs and motors."""
+    same_springs_as: Annotated[str | None, OMITTED]
+    """File of a better design with the same springs, of which others are motors."""
     id: Annotated[NonNegativeInt | None, OMITTED]
     """Number of the robot in its run."""
     generation: Annotated[NonNegativeInt | None, OMITTED]
@@ -130,12 +138,32 @@ class RankingRow(Record):
     """Findings of the build filter."""
 
     @classmethod
-    def of(cls, file: str, ranked: RankedDesign) -> RankingRow:
-        """The row of a ranked design."""
-        known = ranked.design.provenance.get
-        predicted, number = RankedPrediction.of(ranked), known("id")
-        generation, fitness = known("generation"), known("fitness_m")
-        return cls(file, number, generation, fitness, ranked.gait, predicted, ranked.report)
+    def of(
+        cls, file: str, ranked: RankedDesign, better: Mapping[str, Morphology] | None = None
+    ) -> RankingRow:
+        """The row of a ranked design. `better`: bodies of the designs before it, by their files."""
+        known, body = ranked.design.provenance.get, ranked.design.morphology
+        same_body = next((name for name, one in better.items() if one.body_key == body.body_key), None)
+        same_springs = next((name for name, one in better.items() if one.frame_key == body.frame_key), None)
+        return cls(
+            file,
+            body.body_name,
+            same_body,
+            None if same_body else same_springs,
+            known("id"),
+            known("generation"),
+            known("fitness_m"),
+            ranked.gait,
+            RankedPrediction.of(ranked),
+            ranked.report,
+        )
+
+    @property
+    def likeness(self) -> str:
+        """Which better design has the same body or the same springs, in words; empty if none has."""
+        if self.same_body_as:
+            return f"same body as {self.same_body_as}"
+        return f"springs of {self.same_springs_as}, other motors" if self.same_springs_as else ""
 
 
 @record
@@ -146,7 +174,7 @@ class Ranking(FileRecord):
     FORMAT = "eldir-ranking/3"
 
     considered: NonNegativeInt
-    """Number of different bodies in the run."""
+    """Number of different bodies in the run, mirror images apart."""
     left_out: dict[str, NonNegativeInt]
     """Number of designs that each reason rejected, the most frequent reason first."""
     designs: Annotated[tuple[RankingRow, ...], Field(min_length=1)]
@@ -163,11 +191,13 @@ def write_shortlist(shortlist: Shortlist, out: Path) -> tuple[RankingRow, ...]:
         "evolve more, with --lattice 6x11 --max-motors 2 --static-margin 20 --buildable"
     )
     rows: tuple[RankingRow, ...] = ()
+    better: dict[str, Morphology] = {}
     with new_folder(out) as folder:
         for number, candidate in enumerate(shortlist.candidates, start=1):
             name = f"design_{number:02d}.json"
-            rows += (row := RankingRow.of(name, candidate),)
+            rows += (row := RankingRow.of(name, candidate, better),)
             d = candidate.design
+            better[name] = d.morphology
             predicted = {"gait": row.gait.to_json(), "predicted": row.predicted.to_json()}
             replace(d, provenance=d.provenance | predicted).save(folder / name)
         Ranking(shortlist.considered, shortlist.left_out, rows).save(folder / "ranking.json")
@@ -206,7 +236,8 @@ def draw_designs(candidates: Sequence[RankedDesign], rows: Sequence[RankingRow])
         axes.set_aspect("equal")
         axes.axis("off")
         walks = row.predicted.sampled_walks
-        axes.set_title(f"{Path(row.file).stem}: {walks}\n{walks.forward}", fontsize=8)
+        likeness = f"; {row.likeness}" * bool(row.likeness)
+        axes.set_title(f"{Path(row.file).stem}: {walks}\n{walks.forward}{likeness}", fontsize=8)
     handles = [
         Line2D([], [], color=MOTOR, label="motor"),
         Line2D([], [], color=MARK, marker="o", ls="", label="m1 to m5"),

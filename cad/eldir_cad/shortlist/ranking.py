@@ -5,7 +5,8 @@ does: first in the best phases, or in the gait that evolved with the body; then 
 same design with slightly different parameters. The fitness of a design is the mean walk of its samples, a
 fall counted as no walk, less half their standard deviation. A walk that ties decide
 (`eldir.built.walking.MAX_TIE_SHARE`) cannot be predicted well. Of bodies that evolved with a gait, those that
-differ come first.
+differ come first. A user who builds several robots of a list wants different ones: a body that is on the list
+already (`Morphology.body_key`) comes after all others that walk forward.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -41,6 +43,7 @@ _SAMPLED_PER_PLACE = 2  # designs to sample for each place on the list: samples 
 MAX_SIMULATED = 400
 """Designs to simulate as built, in the run's order; more take too long."""
 Progress = Callable[[str, float], None]
+T = TypeVar("T")
 MAX_SIMILARITY = 0.8
 """Bodies that share more of their springs count as similar."""
 _GRID = (
@@ -95,8 +98,9 @@ def rank(
     scene: PrintedScene | None = None,
     springs: SpringParameters | None = None,
 ) -> Shortlist:
-    """The `top` designs whose samples walk farthest (`SampledWalks.fitness`), each in its best gait. Designs
-    whose prediction is doubtful because of ties come after the others.
+    """The `top` designs whose samples walk farthest (`SampledWalks.fitness`), each in its best gait. First
+    come different bodies that walk forward; then bodies that a better design has; then designs whose
+    prediction is doubtful because of ties.
 
     All walk on the ground of the designs (`Design.printed_terrain`), one for all. `scene`: an identified
     robot; then the samples are of its uncertainty. `springs`: nominal springs on
@@ -135,6 +139,11 @@ def rank(
         candidates.append(RankedDesign(design, report, s, gait, walks))
         show("samples", (i + 1) / len(standing))
     candidates.sort(key=lambda c: (c.is_doubtful, -c.spread.fitness))
+    candidates = repeats_last(
+        candidates,
+        [c.design.morphology for c in candidates],
+        [c.spread.fitness > 0 and not c.is_doubtful for c in candidates],
+    )
     reasons[_NOT_FAR_ENOUGH] += len(candidates[top:])
     left_out = {kind: n for kind, n in reasons.most_common() if n}
     return Shortlist(tuple(candidates[:top]), len(different), left_out)
@@ -194,6 +203,8 @@ def _screen(
         else:
             screened.append((s, s.gait))
     screened.sort(key=lambda pair: -pair[0].best)
+    order = [s for s, _ in screened]
+    screened = repeats_last(screened, [bodies[s.index] for s in order], [s.best > 0 for s in order])
     reasons[_NOT_FAR_ENOUGH] += len(screened[max_count:])
     return screened[:max_count]
 
@@ -214,13 +225,22 @@ def _unique_bodies(designs: Sequence[Design]) -> list[Design]:
     return list(unique.values())
 
 
+def repeats_last(ranked: Sequence[T], bodies: Sequence[Morphology], good: Sequence[bool]) -> list[T]:
+    """Those that are good and whose body none before them has, then the others; each in their order."""
+    first = {body.body_key: i for i, body in reversed(list(enumerate(bodies)))}
+    wanted = [g and first[body.body_key] == i for i, (g, body) in enumerate(zip(good, bodies, strict=True))]
+    return [ranked[i] for i in sorted(range(len(ranked)), key=lambda i: not wanted[i])]
+
+
 def spring_overlap(one: Morphology, other: Morphology) -> float:
-    """Springs that two bodies have in common at the best position of one on the other, as a share of all
-    springs of both, 0 to 1. Bodies stand on the ground; they may be shifted along it, but not mirrored."""
+    """Springs that two bodies have in common at the best position of one, or of its mirror image, on the
+    other, as a share of all springs of both, 0 to 1. Bodies stand on the ground, anywhere along it."""
     a, b = _spring_positions(one), _spring_positions(other)
+    width = round(np.ptp(other.positions[:, 0]) / HALF_SIDE * _GRID)
     max_shift = max(x for x, _ in a | b) // _GRID
     steps = range(-max_shift * _GRID, max_shift * _GRID + 1, _GRID)
-    return max(_jaccard(a, {(x + step, z) for x, z in b}) for step in steps)
+    either = b, {(width - x, z) for x, z in b}
+    return max(_jaccard(a, {(x + step, z) for x, z in side}) for step in steps for side in either)
 
 
 def diverse_first(bodies: Sequence[Morphology], max_similarity: float = MAX_SIMILARITY) -> list[int]:

@@ -118,6 +118,25 @@ def test_a_nominal_robot_that_falls_has_no_walk(tmp_path):
     assert Design.load(tmp_path / "shortlist" / "design_01.json").provenance["predicted"] == found
 
 
+def test_the_list_says_which_designs_share_a_body(tmp_path):
+    """The mirror image is the same body; other motors in the same springs are told apart."""
+    gait = Gait(20.0, np.zeros(2), np.full(2, 0.25), "evolved")
+    mirrored = design("0011111", "1110011", "0100010", "0000000", motors=(1, 5))
+    other = design("1111100", "1100111", "0100010", "0000000", motors=(17, 22))
+    screened = ScreeningResult(0, 0.03, 0, np.array([0.5]), gait, True, "")
+    walks = SampledWalks(np.array([0.5, 0.7]), np.zeros(2))
+    ranked = [
+        RankedDesign(d, BuildReport.of((), {}), screened, gait, walks) for d in (WALKER, mirrored, other)
+    ]
+    write_shortlist(Shortlist(tuple(ranked), 3, {}), tmp_path / "list")
+    ranking = json.loads((tmp_path / "list" / "ranking.json").read_text())
+    jsonschema.validate(ranking, json.loads(SCHEMA.read_text()))
+    first, same, cousin = ranking["designs"]
+    assert first["body"] == same["body"] != cousin["body"]
+    told = [(d.get("same_body_as"), d.get("same_springs_as")) for d in (first, same, cousin)]
+    assert told == [(None, None), ("design_01.json", None), (None, "design_01.json")]
+
+
 @pytest.mark.parametrize("top", [1, 3, 9])
 def test_the_counts_add_up(top, monkeypatch):
     """Bodies on the list and all that were left out, with a place for few or for all of ten that stand."""

@@ -126,7 +126,7 @@ def test_a_shortlist_ranks_walks_on_it(run: Path) -> None:
 
 def drawn_rise(candidate: RankedDesign) -> float:
     """Difference of height along the line under the robot in the shortlist's picture [m]."""
-    figure = draw_designs([candidate], [RankingRow.of("design_01.json", candidate)])
+    figure = draw_designs([candidate], [RankingRow.of("design_01.json", candidate, {})])
     _, _, _, surface = figure.axes[0].lines
     return float(np.ptp(surface.get_data()[1]))
 
