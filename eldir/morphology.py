@@ -74,29 +74,20 @@ class Morphology(Record):
     def body_key(self) -> bytes:
         """Equal for the same body: the same springs and motors up to a shift and a mirror image, which is the
         same robot seen from behind. Its cells are the same too, because every triangle of springs is one."""
-        return self._springs_key(self.active)
-
-    @property
-    def frame_key(self) -> bytes:
-        """Equal for the same springs, up to a shift and a mirror image, whichever of them are motors."""
-        return self._springs_key(np.zeros_like(self.active))
-
-    @property
-    def body_name(self) -> str:
-        """Eight hexadecimal digits of a digest of `body_key`, which tell bodies of several runs apart."""
-        return hashlib.sha256(self.body_key).hexdigest()[:8]
-
-    def _springs_key(self, marked: BoolArray) -> bytes:
-        """The springs by the places of their ends on the lattice, in the order of their places."""
         steps = np.array([HALF_SIDE, np.sqrt(3) * HALF_SIDE])
         grid = np.rint((self.positions - self.positions.min(axis=0)) / steps).astype(np.int64)
         mirrored = grid * [-1, 1] + [grid[:, 0].max(), 0]
         keys = []
         for places in (grid, mirrored):
             ends = np.sort((places @ [_MAX_PLACES, 1])[self.springs], axis=1)
-            rows = np.column_stack([ends, marked])
+            rows = np.column_stack([ends, self.active])
             keys.append(rows[np.lexsort(rows.T[::-1])].astype("<i8").tobytes())
         return min(keys)
+
+    @property
+    def body_name(self) -> str:
+        """Eight hexadecimal digits of a digest of `body_key`, which tell bodies of several runs apart."""
+        return hashlib.sha256(self.body_key).hexdigest()[:8]
 
 
 class Bodies:

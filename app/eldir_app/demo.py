@@ -7,6 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from eldir import defaults
 from eldir.built.gait import CYCLES
 from eldir.core.files import new_folder, write_text
@@ -18,7 +20,7 @@ from eldir.evolution.printed.run_folder import PrintedRun, evolve_printed
 from eldir.evolution.printed.search import MAX_SAMPLES, PrintedSearch
 from eldir_cad.packet.folder import write_packet
 from eldir_cad.shortlist.folder import write_shortlist
-from eldir_cad.shortlist.ranking import RankedDesign, Shortlist, rank
+from eldir_cad.shortlist.ranking import NEARLY_AS_FAR, RankedDesign, Shortlist, rank
 from eldir_calibration.comparison.motions import prepare_report
 from eldir_calibration.comparison.predictions import SAMPLES
 from eldir_calibration.report.comparison import MotionReport
@@ -32,7 +34,6 @@ from eldir_hardware.virtual.bodies import default_physics
 from eldir_hardware.virtual.rig import BodyFrame
 
 _GOOD_FITNESS = 1.5  # of an elite with enough samples; it ends the evolution
-_NEARLY_AS_FAR = 0.9  # of the farthest walk: one more marker counts more than the rest
 Progress = Callable[[str, float], None]
 """Called with the name of the present stage and its completed fraction."""
 
@@ -46,7 +47,7 @@ class DemoConfig:
     min_generations: int = 6
     """Evolution ends here if a robot walks well."""
     max_generations: int = 12
-    finalists: int = 3
+    finalists: int = 4
     """Designs of the shortlist."""
     samples: int = SAMPLES
     """Sampled robots of a prediction."""
@@ -79,7 +80,7 @@ def run_demo(
     """
     with new_folder(out) as draft:
         shortlist = _evolve_shortlist(draft, config, progress)
-        choice = choose_design(shortlist)
+        choice = choose_design(shortlist, config.seed)
         write_shortlist(shortlist, draft / "shortlist")
         choice.design.save(draft / "design.json")
         progress("packet for the workshop", 0.0)
@@ -157,14 +158,21 @@ def _drive_and_track(
         )
 
 
-def choose_design(shortlist: Shortlist) -> RankedDesign:
-    """The first design, or one that is predicted to walk nearly as far and has more mass markers (m1 to m5)
-    for the report to compare."""
+def choose_design(shortlist: Shortlist, seed: int) -> RankedDesign:
+    """One of the designs whose fitness is nearly that of the first one: among those with most mass markers
+    (m1 to m5) for the report to compare, the one that the seed draws. The samples hardly tell them apart, and
+    so demos of several seeds show several robots."""
     shortlist.require_candidates("try another seed")
     first = shortlist.candidates[0]
-    threshold = _NEARLY_AS_FAR * first.spread.fitness
-    similar = [c for c in shortlist.candidates if c is first or c.spread.fitness >= threshold > 0]
-    return max(similar, key=lambda c: len(marked_masses(c.design.morphology)))  # the first of equals
+    threshold = NEARLY_AS_FAR * first.spread.fitness
+    similar = [
+        c
+        for c in shortlist.candidates
+        if c is first or (c.spread.fitness >= threshold > 0 and not c.is_doubtful)
+    ]
+    markers = [len(marked_masses(c.design.morphology)) for c in similar]
+    equals = [c for c, n in zip(similar, markers, strict=True) if n == max(markers)]
+    return equals[int(np.random.default_rng(seed).integers(len(equals)))]
 
 
 def has_good_walker(search: PrintedSearch) -> bool:

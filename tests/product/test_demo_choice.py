@@ -36,7 +36,7 @@ BODIES = bodies()
         ([(1.4, 4), (1.2, 5)], 0),
         ([(1.4, 4), (1.3, 5)], 1),
         ([(1.4, 4), (1.35, 4), (1.3, 5)], 2),
-        ([(1.4, 5), (1.3, 5)], 0),
+        ([(1.4, 5), (1.25, 5)], 0),
         ([(0.0, 4), (-0.1, 5)], 0),
         ([(-0.2, 4), (-0.1, 5)], 0),
         ([(-np.inf, 4)], 0),
@@ -45,16 +45,34 @@ BODIES = bodies()
 def test_marks_are_a_preference_among_those_that_walk_nearly_as_far(ranked, chosen):
     candidates = tuple(
         SimpleNamespace(
-            spread=SimpleNamespace(fitness=fitness), design=SimpleNamespace(morphology=BODIES[marks])
+            spread=SimpleNamespace(fitness=fitness),
+            design=SimpleNamespace(morphology=BODIES[marks]),
+            is_doubtful=False,
         )
         for fitness, marks in ranked
     )
-    assert choose_design(Shortlist(candidates, 9, {})) is candidates[chosen]
+    assert all(choose_design(Shortlist(candidates, 9, {}), seed) is candidates[chosen] for seed in range(4))
+
+
+def test_the_seed_draws_one_of_those_that_walk_about_as_far():
+    """Nearly as far, with as many markers, and a prediction that is not doubtful; the same one each time."""
+    candidates = tuple(
+        SimpleNamespace(
+            spread=SimpleNamespace(fitness=fitness),
+            design=SimpleNamespace(morphology=BODIES[4]),
+            is_doubtful=doubtful,
+        )
+        for fitness, doubtful in [(1.5, False), (1.4, False), (1.36, False), (1.3, False), (1.6, True)]
+    )
+    shortlist = Shortlist(candidates, 9, {})
+    drawn = [choose_design(shortlist, seed) for seed in range(40)]
+    assert {candidates.index(c) for c in drawn} == {0, 1, 2}
+    assert all(choose_design(shortlist, seed) is c for seed, c in enumerate(drawn))
 
 
 def test_without_a_design_it_says_why():
     with raises(EldirError, "shortlist.empty", match="found 9 bodies: 9 mechanism; try another seed"):
-        choose_design(Shortlist((), 9, {"mechanism": 9}))
+        choose_design(Shortlist((), 9, {"mechanism": 9}), 1)
 
 
 @pytest.mark.parametrize(

@@ -27,7 +27,7 @@ def shortlist(
     The build filter comes first. Then each body walks in all phases of its motors, or in the gait that
     evolved with it. The best ones are ranked by the walk of samples, robots with slightly different
     parameters: the mean less half the standard deviation, a fall counted as no walk. Different bodies come
-    first; the list says which designs have the same body, up to a mirror image.
+    first, and the list says which designs have the same or similar bodies.
 
     Example: eldir shortlist run --out shortlist --top 6
     """
@@ -57,7 +57,7 @@ def shortlist(
         print(json.dumps([row.to_json() for row in rows], indent=1))
         return
     for row in rows:
-        walks, body = row.predicted.sampled_walks, f"{row.likeness or 'body'} ({row.body})"
-        print(f"{row.file}: {walks}, {walks.forward}; {body}")
+        walks, likeness = row.predicted.sampled_walks, f", {row.likeness}" * bool(row.likeness)
+        print(f"{row.file}: {walks}, {walks.forward}; body {row.body}{likeness}")
     rejected = ", ".join(f"{n} {kind}" for kind, n in best.left_out.items())
     print(f"{out}: {len(rows)} of {best.considered} different bodies; left out: {rejected or 'none'}")

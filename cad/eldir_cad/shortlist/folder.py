@@ -25,7 +25,7 @@ from eldir.design import marked_masses
 from eldir.morphology import Morphology
 from eldir_cad.checks.kinematics import find_hinges
 from eldir_cad.checks.violations import BuildReport
-from eldir_cad.shortlist.ranking import RankedDesign, Shortlist
+from eldir_cad.shortlist.ranking import MAX_SIMILARITY, RankedDesign, Shortlist, spring_overlap
 
 Share = Annotated[float, Field(ge=0, le=1)]
 
@@ -113,7 +113,9 @@ class RankedPrediction(Record):
 class RankingRow(Record):
     """A design of the shortlist."""
 
-    OPTIONAL = frozenset({"id", "generation", "fitness_m", "same_body_as", "same_springs_as"})
+    OPTIONAL = frozenset(
+        {"id", "generation", "fitness_m", "same_body_as", "most_similar_to", "shared_springs"}
+    )
 
     file: str
     """Name of the design file."""
@@ -122,8 +124,10 @@ class RankingRow(Record):
     mirror image."""
     same_body_as: Annotated[str | None, OMITTED]
     """File of a better design with the same springs and motors."""
-    same_springs_as: Annotated[str | None, OMITTED]
-    """File of a better design with the same springs, of which others are motors."""
+    most_similar_to: Annotated[str | None, OMITTED]
+    """File of the better design with most springs in common; the first design has none."""
+    shared_springs: Annotated[Share | None, OMITTED]
+    """Springs in common with it, as a share of all springs of both; 1 if only motors differ, or nothing."""
     id: Annotated[NonNegativeInt | None, OMITTED]
     """Number of the robot in its run."""
     generation: Annotated[NonNegativeInt | None, OMITTED]
@@ -144,12 +148,14 @@ class RankingRow(Record):
         """The row of a ranked design. `better`: bodies of the designs before it, by their files."""
         known, body = ranked.design.provenance.get, ranked.design.morphology
         same_body = next((name for name, one in better.items() if one.body_key == body.body_key), None)
-        same_springs = next((name for name, one in better.items() if one.frame_key == body.frame_key), None)
+        shared = {name: spring_overlap(body, one) for name, one in better.items()}
+        similar = max(shared, key=shared.__getitem__, default=None)
         return cls(
             file,
             body.body_name,
             same_body,
-            None if same_body else same_springs,
+            similar,
+            None if similar is None else shared[similar],
             known("id"),
             known("generation"),
             known("fitness_m"),
@@ -160,10 +166,14 @@ class RankingRow(Record):
 
     @property
     def likeness(self) -> str:
-        """Which better design has the same body or the same springs, in words; empty if none has."""
+        """Which better design has the same or a similar body, in words; empty if none has."""
         if self.same_body_as:
             return f"same body as {self.same_body_as}"
-        return f"springs of {self.same_springs_as}, other motors" if self.same_springs_as else ""
+        if self.shared_springs is None or self.shared_springs <= MAX_SIMILARITY:
+            return ""
+        if self.shared_springs == 1:
+            return f"other motors in the springs of {self.most_similar_to}"
+        return f"{self.shared_springs:.0%} of the springs of {self.most_similar_to}"
 
 
 @record

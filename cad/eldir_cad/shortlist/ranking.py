@@ -4,9 +4,10 @@ The fitness in the paper's scene does not rank built robots (docs/reference/buil
 does: first in the best phases, or in the gait that evolved with the body; then over samples, robots of the
 same design with slightly different parameters. The fitness of a design is the mean walk of its samples, a
 fall counted as no walk, less half their standard deviation. A walk that ties decide
-(`eldir.built.walking.MAX_TIE_SHARE`) cannot be predicted well. Of bodies that evolved with a gait, those that
-differ come first. A user who builds several robots of a list wants different ones: a body that is on the list
-already (`Morphology.body_key`) comes after all others that walk forward.
+(`eldir.built.walking.MAX_TIE_SHARE`) cannot be predicted well. A user who builds several robots of a list
+wants different ones: of bodies that evolved with a gait, those that differ, and those that walk nearly as far
+as the best, come first; and a body that is on the list already (`Morphology.body_key`) comes after all others
+that walk forward.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ import numpy as np
 
 from eldir.built.gait import Gait, read_gait
 from eldir.built.robot import build, count_mechanisms, static_margin
-from eldir.built.samples import IdentifiedRobots, NominalRobots, SampledWalks, sample_walks
+from eldir.built.samples import RISK, IdentifiedRobots, NominalRobots, SampledWalks, sample_walks
 from eldir.built.scene import PrintedScene
 from eldir.built.screening import ScreeningResult, screen
 from eldir.built.walking import MAX_TIE_SHARE, walk
@@ -46,6 +47,8 @@ Progress = Callable[[str, float], None]
 T = TypeVar("T")
 MAX_SIMILARITY = 0.8
 """Bodies that share more of their springs count as similar."""
+NEARLY_AS_FAR = 0.9
+"""Designs with at least this part of the best fitness walk about as far: samples hardly tell them apart."""
 _GRID = (
     4  # steps in half a side of a triangle: middles of springs are on the grid, masses on every fourth step
 )
@@ -176,13 +179,16 @@ def _screen(
 ) -> list[tuple[ScreeningResult, Gait]]:
     """At most so many robots that stay upright in their best gait, the farthest first; the others are counted
     in `reasons`. Designs that evolved with a gait walk in it, and are in the order of their run, which knows
-    them from more than one robot; but those that are like a better one come last."""
+    them from more than one robot; but those that are like a better one come last, unless they walk nearly as
+    far as the best one: another body that walks much less is no replacement."""
     gaits = [read_gait(design) for design in designs]
     bodies = [design.morphology for design in designs]
     if gaits and None not in gaits:
         max_count = max_count // _SAMPLED_PER_PLACE + 1  # their run has sampled them already
         reasons[_NOT_FAR_ENOUGH] += len(designs[max_count:])
-        evolved = [(i, gaits[i]) for i in diverse_first(bodies)[:max_count]]
+        fitness = [_evolved_fitness(design) for design in designs]
+        far = [x >= NEARLY_AS_FAR * max(fitness) > 0 for x in fitness]
+        evolved = [(i, gaits[i]) for i in diverse_first(bodies, always=far)[:max_count]]
         return [(_as_evolved(i, designs[i], g, robot), g) for i, g in evolved if g is not None]
     screened = []
     ground = designs[0].printed_terrain if designs else None
@@ -207,6 +213,15 @@ def _screen(
     screened = repeats_last(screened, [bodies[s.index] for s in order], [s.best > 0 for s in order])
     reasons[_NOT_FAR_ENOUGH] += len(screened[max_count:])
     return screened[:max_count]
+
+
+def _evolved_fitness(design: Design) -> float:
+    """The fitness of a design in the run in which it evolved with its gait; minus infinity if unknown."""
+    walks = design.provenance.get("evolved_walk")
+    if not isinstance(walks, dict) or walks["standard_error"] is None:
+        return -np.inf
+    deviation = walks["standard_error"] * np.sqrt(walks["samples"])
+    return float(walks["expected"] - RISK * deviation)
 
 
 def _as_evolved(index: int, design: Design, gait: Gait, robot: RobotParameters) -> ScreeningResult:
@@ -243,12 +258,15 @@ def spring_overlap(one: Morphology, other: Morphology) -> float:
     return max(_jaccard(a, {(x + step, z) for x, z in side}) for step in steps for side in either)
 
 
-def diverse_first(bodies: Sequence[Morphology], max_similarity: float = MAX_SIMILARITY) -> list[int]:
-    """Indices of the bodies that share at most `max_similarity` of their springs with each one chosen before;
-    then those of the others. Both in their order."""
+def diverse_first(
+    bodies: Sequence[Morphology], max_similarity: float = MAX_SIMILARITY, always: Sequence[bool] = ()
+) -> list[int]:
+    """Indices of the bodies that share at most `max_similarity` of their springs with each one chosen before,
+    and of those that are `always` chosen; then those of the others. Both in their order."""
     chosen: list[int] = []
     for i, body in enumerate(bodies):
-        if all(spring_overlap(body, bodies[k]) <= max_similarity for k in chosen):
+        wanted = i < len(always) and always[i]
+        if wanted or all(spring_overlap(body, bodies[k]) <= max_similarity for k in chosen):
             chosen.append(i)
     return chosen + [i for i in range(len(bodies)) if i not in set(chosen)]
 

@@ -89,6 +89,16 @@ class Archive:
         """All elites, the best first."""
         return sorted(self.elites.values(), key=lambda w: (-w.fitness, w.number))
 
+    def by_size(self, min_ratio: float) -> list[list[Walker]]:
+        """The elites of each size (number of hubs), the best first, of sizes whose best one has at least this
+        part of the best fitness of all."""
+        sizes: dict[int, list[Walker]] = {}
+        for walker in self.ranked():
+            sizes.setdefault(walker.niche.masses, []).append(walker)
+        groups = list(sizes.values())
+        threshold = min_ratio * groups[0][0].fitness
+        return [own for own in groups if own is groups[0] or own[0].fitness >= threshold]
+
     def incumbent(self, niche: Niche) -> float:
         """Fitness of the elite of a niche; minus infinity if it is empty."""
         return self.elites[niche].fitness if niche in self.elites else -np.inf

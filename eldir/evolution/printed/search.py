@@ -8,6 +8,7 @@ elites are evaluated again, because the best of many estimates is too good (winn
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
@@ -53,7 +54,7 @@ _FOUNDERS = 2  # times as many reach them in the first generation, of random rob
 _MAX_HEIGHT_TO_BASE = 1.5  # height of a robot over the distance of its outermost feet
 _TILTED = 1.5  # times as many robots are tried on slopes as may reach the third trial
 _MIN_SLOPE_RATIO = 0.7  # least walk on the worse slope, as a part of that on the better one
-_PARENTS = 12
+_MIN_SIZE_RATIO = 0.7  # least fitness of the best elite of a size that gets its share, as a part of the best
 _ELSEWHERE = 0.2  # probability that a parent comes from the whole archive
 _REEVALUATED = 3  # elites that are evaluated again in a generation
 _MIN_WALK = 0.1  # less than this in the best gait: not a walker [body lengths per five cycles]
@@ -136,14 +137,12 @@ class PrintedSearch:
 
     def _offspring(self, rng: np.random.Generator) -> list[Candidate]:
         c, ranked = self.config, self.archive.ranked()
-        best = ranked[:_PARENTS]
-        chance = np.arange(len(best), 0, -1) / (len(best) * (len(best) + 1) / 2)
+        sizes = self.archive.by_size(_MIN_SIZE_RATIO)
 
         def sample() -> list[tuple[int, PrintedGenome]]:
-            everywhere = rng.random() < _ELSEWHERE
-            parent = (
-                ranked[rng.integers(len(ranked))] if everywhere else best[rng.choice(len(best), p=chance)]
-            )
+            best = ranked if rng.random() < _ELSEWHERE else sizes[rng.integers(len(sizes))]
+            chance = np.ones(len(best)) if best is ranked else np.arange(len(best), 0, -1.0)
+            parent = best[rng.choice(len(best), p=chance / chance.sum())]
             return [
                 (parent.number, make_offspring(c.lattice, parent.genome, rng, c.max_active, len(c.timings)))
             ]
@@ -231,7 +230,13 @@ class PrintedSearch:
         walks = self.evaluate(compare_gaits, [trial for _, trial in promising], self.config.nominal)
         elites = [self.archive.incumbent(find_niche(candidate.body)) for candidate, _ in promising]
         room = self._trial_capacity(_EVALUATED)
-        best = most_promising(walks.max(axis=1), np.maximum(elites, 0.0), round(_TILTED * room), room // 2)
+        best = most_promising(
+            walks.max(axis=1),
+            np.maximum(elites, 0.0),
+            [len(candidate.body.positions) for candidate, _ in promising],
+            round(_TILTED * room),
+            room // 2,
+        )
         chosen = [(promising[i][0], promising[i][1].gaits[int(walks[i].argmax())]) for i in best]
         return self.keep_steady(chosen)[:room]
 
@@ -269,7 +274,8 @@ class PrintedSearch:
 
     def _reevaluate_elites(self) -> None:
         uncertain = [w for w in self.archive.ranked() if len(w.walks) < MAX_SAMPLES]
-        for walker in self._with_fresh_samples(uncertain[:_REEVALUATED]):
+        turns = in_turn([w.niche.masses for w in uncertain])[:_REEVALUATED]
+        for walker in self._with_fresh_samples([uncertain[i] for i in turns]):
             self.archive.update(walker)
 
     def _with_fresh_samples(self, walkers: Sequence[Walker]) -> list[Walker]:
@@ -307,14 +313,29 @@ class PrintedSearch:
         return as_gene.gait(after.body, self.config.timings)
 
 
-def most_promising(walks: FloatArray, elites: FloatArray, most: int, farthest: int) -> list[int]:
-    """Indices of at most so many robots: first the `farthest` that walk farthest of those that beat their
-    elites, then those that beat them by most. An empty place is beaten by every robot that walks: without
-    the first ones, poor robots of new niches would leave no room for better ones of known niches."""
-    over = walks - elites
-    beating = np.flatnonzero(over > 0)
-    first = beating[np.argsort(-walks[beating], kind="stable")][:farthest].tolist()
-    return [*first, *(i for i in np.argsort(-over, kind="stable").tolist() if i not in first)][:most]
+def most_promising(
+    walks: FloatArray, elites: FloatArray, sizes: Sequence[int], most: int, farthest: int
+) -> list[int]:
+    """Indices of at most so many robots. First come those that beat their elites: the `farthest` that walk
+    farthest, then the others by size (number of hubs) in turn, so that small robots leave room for larger
+    ones; last those that do not beat their elites. An empty niche is beaten by every robot that walks."""
+    order = np.argsort(-walks, kind="stable").tolist()
+    beating = [i for i in order if walks[i] > elites[i]]
+    others = beating[farthest:]
+    turns = [others[k] for k in in_turn([sizes[i] for i in others])]
+    rest = [i for i in np.argsort(elites - walks, kind="stable").tolist() if i not in set(beating)]
+    return [*beating[:farthest], *turns, *rest][:most]
+
+
+def in_turn(sizes: Sequence[int]) -> list[int]:
+    """Indices of ranked robots of these sizes: first the best of each size, then the second of each, and so
+    on, the better before the worse."""
+    earlier: Counter[int] = Counter()
+    turns = []
+    for size in sizes:
+        turns.append(earlier[size])
+        earlier[size] += 1
+    return sorted(range(len(sizes)), key=turns.__getitem__)
 
 
 def _with_gait(candidate: Candidate, gait: Gait) -> PrintedGenome:

@@ -77,3 +77,4 @@ def test_the_first_of_those_that_are_alike_comes_first(chosen: list[int], alike:
             first.append(k)
     assert order[: len(first)] == first
     assert order[len(first) :] == sorted(order[len(first) :])
+    assert diverse_first(bodies, alike, [True] * len(bodies)) == sorted(order)

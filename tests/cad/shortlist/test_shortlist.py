@@ -133,8 +133,8 @@ def test_the_list_says_which_designs_share_a_body(tmp_path):
     jsonschema.validate(ranking, json.loads(SCHEMA.read_text()))
     first, same, cousin = ranking["designs"]
     assert first["body"] == same["body"] != cousin["body"]
-    told = [(d.get("same_body_as"), d.get("same_springs_as")) for d in (first, same, cousin)]
-    assert told == [(None, None), ("design_01.json", None), (None, "design_01.json")]
+    told = [(d.get("same_body_as"), d.get("shared_springs")) for d in (first, same, cousin)]
+    assert told == [(None, None), ("design_01.json", 1.0), (None, 1.0)]
 
 
 @pytest.mark.parametrize("top", [1, 3, 9])
@@ -231,7 +231,8 @@ def test_what_evolved_with_a_gait_walks_in_it_and_falls_count(tmp_path, monkeypa
 
 
 def test_of_robots_with_a_gait_those_that_differ_are_sampled_first(monkeypatch):
-    """The second has the body of the first and another motor: the third is looked at instead."""
+    """The second has the springs of the first and another motor: the third is looked at instead,
+    unless the run knows that the second walks nearly as far."""
     evolved = {"gait": Gait(20.0, np.array([0.0, 0.4]), np.array([0.3, 0.3]), "evolved").to_json()}
     cousin = design("1111100", "1100111", "0100010", "0000000", motors=(17, 22))
     other = design(*BLOCK, motors=(40, 41))
@@ -249,3 +250,16 @@ def test_of_robots_with_a_gait_those_that_differ_are_sampled_first(monkeypatch):
         sampled.clear()
         found = rank(designs, top=top, springs=SpringParameters(current_limit=3.45))
         assert sampled == looked_at and len(found.candidates) == top
+    for expected, looked_at in ((1.9, [0, 1]), (1.7, [0, 2])):  # of the cousin in its run, the walker has 2.0
+        known = [
+            replace(d, provenance=d.provenance | {"evolved_walk": told(x)})
+            for d, x in zip(designs, (2.0, expected, 1.0), strict=True)
+        ]
+        sampled.clear()
+        rank(known, top=1, springs=SpringParameters(current_limit=3.45))
+        assert sampled == looked_at
+
+
+def told(expected):
+    """A fitness of 0.1 below the expected walk: half a standard deviation of 0.2."""
+    return {"expected": expected, "standard_error": 0.05, "samples": 16}

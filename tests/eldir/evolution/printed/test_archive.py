@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from eldir.core.records import FloatArray
 from eldir.evolution.printed.archive import Archive, Niche, Walker, find_niche
-from eldir.evolution.printed.search import Evaluation, PrintedSearch, most_promising
+from eldir.evolution.printed.search import Evaluation, PrintedSearch, in_turn, most_promising
 from eldir.evolution.printed.trials import Trial
 from eldir.genotype import Genotype
 from eldir.lattice import Lattice
@@ -95,14 +95,39 @@ def test_newcomers_of_one_kind_are_compared_with_each_other_too() -> None:
     assert search.archive.elites[elite.niche].number == 2
 
 
-def test_half_of_the_looks_go_to_the_farthest_that_beat_their_elites() -> None:
-    """Robots 0 and 1 walk far but not as far as their elites; 3 to 5 are of new kinds."""
+def test_half_of_the_evaluations_go_to_the_farthest_and_the_others_to_sizes_in_turn() -> None:
+    """Robots 0 and 1 walk far but not as far as their elites; 3 to 5 are of new niches."""
     walks = np.array([2.5, 2.2, 2.1, 1.2, 0.9, 0.8, 2.0])
     elites = np.array([2.6, 2.3, 1.9, 0.0, 0.0, 0.0, 1.7])
-    assert most_promising(walks, elites, 4, 2) == [2, 6, 3, 4]
-    assert most_promising(walks, elites, 4, 0) == [3, 4, 5, 6]
-    assert most_promising(walks, np.full(7, 9.0), 2, 2) == [0, 1], "none beats its elite"
-    assert sorted(most_promising(walks, elites, 9, 4)) == list(range(7))
+    sizes = [8, 8, 8, 8, 9, 12, 8]
+    assert most_promising(walks, elites, sizes, 4, 2) == [2, 6, 3, 4]
+    assert most_promising(walks, elites, sizes, 4, 1) == [2, 6, 4, 5]
+    assert most_promising(walks, elites, sizes, 5, 0) == [2, 4, 5, 6, 3]
+    assert most_promising(walks, np.full(7, 9.0), sizes, 2, 2) == [0, 1], "none beats its elite"
+    assert sorted(most_promising(walks, elites, sizes, 9, 4)) == list(range(7))
+
+
+@given(st.lists(st.integers(3, 6), max_size=12))
+def test_the_best_of_each_size_comes_before_the_second_of_any(sizes: list[int]) -> None:
+    order = in_turn(sizes)
+    assert sorted(order) == list(range(len(sizes)))
+    places = [(sizes[:i].count(sizes[i]), i) for i in order]
+    assert places == sorted(places)
+
+
+def test_sizes_that_walk_nearly_as_far_share_the_offspring() -> None:
+    """Bodies of 7 and 9 hubs; those of 12 walk less than 0.7 of the best."""
+    elites = [
+        walker(1, [2.0, 2.0], Niche(2, 2, 8, 1)),
+        walker(2, [1.0, 1.0], Niche(2, 2, 8, 2)),
+        walker(3, [1.5, 1.5], Niche(2, 2, 9, 1)),
+        walker(4, [1.3, 1.3], Niche(3, 2, 12, 1)),
+    ]
+    archive = Archive({w.niche: w for w in elites})
+    assert [[w.number for w in own] for own in archive.by_size(0.7)] == [[1, 2], [3]]
+    assert len(archive.by_size(0.0)) == 3
+    falls = Archive({KIND: walker(5, [-1.0, -1.0])})
+    assert [[w.number for w in own] for own in falls.by_size(0.7)] == [[5]], "the best one always counts"
 
 
 def test_an_elite_that_disappoints_loses_its_rank_but_not_what_is_known() -> None:
