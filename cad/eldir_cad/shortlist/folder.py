@@ -114,7 +114,7 @@ class RankingRow(Record):
     """A design of the shortlist."""
 
     OPTIONAL = frozenset(
-        {"id", "generation", "fitness_m", "same_body_as", "most_similar_to", "shared_springs"}
+        {"id", "generation", "fitness_m", "same_body_as", "most_similar_to", "spring_overlap"}
     )
 
     file: str
@@ -126,7 +126,7 @@ class RankingRow(Record):
     """File of a better design with the same springs and motors."""
     most_similar_to: Annotated[str | None, OMITTED]
     """File of the better design with most springs in common; the first design has none."""
-    shared_springs: Annotated[Share | None, OMITTED]
+    spring_overlap: Annotated[Share | None, OMITTED]
     """Springs in common with it, as a share of all springs of both; 1 if only motors differ, or nothing."""
     id: Annotated[NonNegativeInt | None, OMITTED]
     """Number of the robot in its run."""
@@ -142,9 +142,7 @@ class RankingRow(Record):
     """Findings of the build filter."""
 
     @classmethod
-    def of(
-        cls, file: str, ranked: RankedDesign, better: Mapping[str, Morphology] | None = None
-    ) -> RankingRow:
+    def of(cls, file: str, ranked: RankedDesign, better: Mapping[str, Morphology]) -> RankingRow:
         """The row of a ranked design. `better`: bodies of the designs before it, by their files."""
         known, body = ranked.design.provenance.get, ranked.design.morphology
         same_body = next((name for name, one in better.items() if one.body_key == body.body_key), None)
@@ -169,11 +167,11 @@ class RankingRow(Record):
         """Which better design has the same or a similar body, in words; empty if none has."""
         if self.same_body_as:
             return f"same body as {self.same_body_as}"
-        if self.shared_springs is None or self.shared_springs <= MAX_SIMILARITY:
+        if self.spring_overlap is None or self.spring_overlap <= MAX_SIMILARITY:
             return ""
-        if self.shared_springs == 1:
+        if self.spring_overlap == 1:
             return f"other motors in the springs of {self.most_similar_to}"
-        return f"{self.shared_springs:.0%} of the springs of {self.most_similar_to}"
+        return f"{self.spring_overlap:.0%} of the springs of {self.most_similar_to}"
 
 
 @record

@@ -133,7 +133,7 @@ def test_the_list_says_which_designs_share_a_body(tmp_path):
     jsonschema.validate(ranking, json.loads(SCHEMA.read_text()))
     first, same, cousin = ranking["designs"]
     assert first["body"] == same["body"] != cousin["body"]
-    told = [(d.get("same_body_as"), d.get("shared_springs")) for d in (first, same, cousin)]
+    told = [(d.get("same_body_as"), d.get("spring_overlap")) for d in (first, same, cousin)]
     assert told == [(None, None), ("design_01.json", 1.0), (None, 1.0)]
 
 
