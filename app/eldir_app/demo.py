@@ -158,7 +158,7 @@ def _drive_and_track(
 
 def choose_design(shortlist: Shortlist, seed: int) -> RankedDesign:
     """One of the designs whose fitness is nearly that of the first one: among those with most mass markers
-    (m1 to m5) for the report to compare, seeds select the sizes in turn. The samples hardly tell these designs
+    (m1 to m5) for the report to compare, seeds select sizes in turn. Samples hardly tell these designs
     apart, and so demos of several seeds show several robots."""
     shortlist.require_candidates("try another seed")
     first = shortlist.candidates[0]

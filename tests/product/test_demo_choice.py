@@ -18,7 +18,6 @@ from eldir_cad.shortlist.ranking import Shortlist
 from tests.eldir.evolution.printed.small_searches import SMALL, genomes
 from tests.raised import raises
 
-
 LATTICE = Lattice(6, 11)
 FOUND = [develop(LATTICE, g) for g in random_genotypes(LATTICE, 60, np.random.default_rng(1), 2)]
 BODIES = {len(marked_masses(body)): body for body in FOUND}  # one for each number of markers
@@ -51,7 +50,7 @@ def test_marks_are_a_preference_among_those_that_walk_nearly_as_far(ranked, chos
 
 
 def test_seeds_select_sizes_in_turn_among_those_that_walk_about_as_far():
-    """The smallest body first. The last three walk too little, have fewer markers, or a doubtful prediction."""
+    """The smallest body first. The last three walk less, have fewer markers, or a doubtful prediction."""
     large, medium, small = sorted(FIVE_MARKERS, key=lambda body: -len(body.positions))[::20][:3]
     ranked = [(1.5, large), (1.45, small), (1.4, medium), (1.3, small), (1.5, BODIES[4]), (1.6, small)]
     candidates = tuple(
