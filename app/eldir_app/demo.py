@@ -18,7 +18,7 @@ from eldir.evolution.printed.run_folder import PrintedRun, evolve_printed
 from eldir.evolution.printed.search import MAX_SAMPLES, PrintedSearch
 from eldir_cad.packet.folder import write_packet
 from eldir_cad.shortlist.folder import write_shortlist
-from eldir_cad.shortlist.ranking import NEARLY_AS_FAR, RankedDesign, Shortlist, rank
+from eldir_cad.shortlist.ranking import RankedDesign, Shortlist, rank
 from eldir_calibration.comparison.motions import prepare_report
 from eldir_calibration.comparison.predictions import SAMPLES
 from eldir_calibration.report.comparison import MotionReport
@@ -32,6 +32,7 @@ from eldir_hardware.virtual.bodies import default_physics
 from eldir_hardware.virtual.rig import BodyFrame
 
 _GOOD_FITNESS = 1.5  # of an elite with enough samples; it ends the evolution
+_ABOUT_AS_FAR = 0.95  # of the best fitness: less than the error of 16 samples
 Progress = Callable[[str, float], None]
 """Called with the name of the present stage and its completed fraction."""
 
@@ -157,12 +158,12 @@ def _drive_and_track(
 
 
 def choose_design(shortlist: Shortlist, seed: int) -> RankedDesign:
-    """One of the designs whose fitness is nearly that of the first one: among those with most mass markers
+    """One of the designs whose fitness is about that of the first one: among those with most mass markers
     (m1 to m5) for the report to compare, seeds select sizes in turn. Samples hardly tell these designs
     apart, and so demos of several seeds show several robots."""
     shortlist.require_candidates("try another seed")
     first = shortlist.candidates[0]
-    threshold = NEARLY_AS_FAR * first.spread.fitness
+    threshold = _ABOUT_AS_FAR * first.spread.fitness
     similar = [
         c
         for c in shortlist.candidates
