@@ -44,7 +44,7 @@ _SAMPLED_PER_PLACE = 2  # designs to sample for each place on the list: samples 
 MAX_SIMULATED = 400
 """Designs to simulate as built, in the run's order; more take too long."""
 Progress = Callable[[str, float], None]
-T = TypeVar("T")
+_T = TypeVar("_T")
 MAX_SIMILARITY = 0.8
 """Bodies that share more of their springs count as similar."""
 NEARLY_AS_FAR = 0.9
@@ -240,7 +240,7 @@ def _unique_bodies(designs: Sequence[Design]) -> list[Design]:
     return list(unique.values())
 
 
-def repeats_last(ranked: Sequence[T], bodies: Sequence[Morphology], good: Sequence[bool]) -> list[T]:
+def repeats_last(ranked: Sequence[_T], bodies: Sequence[Morphology], good: Sequence[bool]) -> list[_T]:
     """Those that are good and whose body none before them has, then the others; each in their order."""
     first = {body.body_key: i for i, body in reversed(list(enumerate(bodies)))}
     wanted = [g and first[body.body_key] == i for i, (g, body) in enumerate(zip(good, bodies, strict=True))]
