@@ -13,6 +13,7 @@ _BELOW: dict[str, dict[str, list[str]]] = {
             "how-to/printer",
             "how-to/board-and-camera",
             "how-to/identify",
+            "how-to/adapt",
             "how-to/ros",
             "how-to/add-a-board",
             "how-to/see-the-frames",

@@ -56,6 +56,8 @@ MODULES = [
     "eldir_hardware.vision.whole_body", "eldir_hardware.vision.virtual_camera", "eldir_hardware.virtual.rig",
     "eldir_hardware.virtual.springs", "eldir_hardware.virtual.bodies", "eldir_hardware.virtual.mujoco_body",
     "eldir_hardware.virtual.biplane_body",
+    "eldir_calibration.adaptation.loop", "eldir_calibration.adaptation.choice",
+    "eldir_calibration.adaptation.runs", "eldir_calibration.dynamics.belief",
     "eldir_calibration.identification.identification", "eldir_calibration.identification.spring_record",
     "eldir_calibration.dynamics.configuration", "eldir_calibration.dynamics.recording",
     "eldir_calibration.dynamics.results", "eldir_calibration.dynamics.verdict",

@@ -26,6 +26,7 @@ from eldir_cad.kit.printer import Printer
 from eldir_cad.kit.specification import Specification
 from eldir_cad.packet.manifest import Manifest
 from eldir_cad.shortlist.folder import Ranking
+from eldir_calibration.adaptation.runs import Adaptation
 from eldir_calibration.report.numbers import ReportNumbers
 from eldir_calibration.transfer.page import TransferNumbers
 from eldir_hardware.camera.lens import Lens
@@ -36,6 +37,7 @@ from eldir_hardware.schedule import ActuationSchedule
 
 SCHEMAS = Path(__file__).parents[1] / "schemas"
 FORMATS: dict[str, tuple[type, str]] = {
+    "adaptation": (Adaptation, "Runs of a robot that learns on the table"),
     "benchmark-accuracy": (results.Accuracy, "Result of eldir benchmark accuracy"),
     "benchmark-built": (results.Built, "Result of eldir benchmark built"),
     "benchmark-device": (results.Device, "Result of eldir benchmark speed --device"),

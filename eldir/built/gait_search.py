@@ -104,7 +104,7 @@ def find_gait(
         robots, searched = nominal_robots(design, limits), search_gait(design, limits, seed, stage)
     else:
         robots = IdentifiedRobots.of(design, scene, [f.gait for f in filmed])
-        searched = search_robust_gait(design, limits, scene, filmed, seed, stage)
+        searched = search_robust_gait(robots, limits, filmed, seed, stage)
     gaits = {"search": searched, "imitate": imitate_gait(design)}
     found = sample_walks_in_turn(
         robots, list(gaits.values()), samples, seed, stage, _PREDICTING.format(samples)
@@ -208,32 +208,30 @@ def sample_walks_in_turn(
 
 
 def search_robust_gait(
-    design: Design,
+    robots: RobotDistribution,
     limits: HeatingLimits,
-    scene: PrintedScene,
     filmed: Sequence[FilmedGait] = (),
     seed: int = 0,
     stage: Stage = silent,
 ) -> Gait:
-    """The gait with the phases, and then the period and duty, that carry robots sampled from the scene
-    farthest forward on average.
+    """The gait with the phases, and then the period and duty, that carry identified robots farthest forward
+    on average.
 
     The expected walk of a gait is at most that of the most probable robot. The `filmed` gaits are left out:
-    the camera has measured their walks.
+    the camera has measured their walks. Robots are coarse (`PrintedRobot.coarse`).
     """
-    robots = IdentifiedRobots.of(design, scene, [film.gait for film in filmed])
 
     def evaluate(gaits: list[Gait]) -> list[_EvaluatedGait]:
         # Other samples than those for which the walk is then predicted.
-        sampled = sample_walks(robots, gaits, _SAMPLES, seed + 1)
-        itself = simulate_most_probable(robots, gaits).tolist()
+        sampled = sample_walks(robots, gaits, _SAMPLES, seed + 1, coarse=True)
+        itself = simulate_most_probable(robots, gaits, coarse=True).tolist()
         every = zip(sampled, itself, gaits, strict=True)
         return [_EvaluatedGait(min(walks.expected, one), walks.expected, gait) for walks, one, gait in every]
 
     stage("simulating identified robots with all phases")
-    tried = evaluate(_phases(design.morphology.motors, limits))
+    tried = evaluate(_phases(robots.morphology.motors, limits))
     best = max(tried, key=_EvaluatedGait.fitness)
-    if others := _retime(best.gait, limits, scene.robot.springs):
+    if others := _retime(best.gait, limits, robots.robot.springs):
         stage(_OTHER_TIMES)
         tried += evaluate(others)
     new = [one for one in tried if not any(film.shows(one.gait) for film in filmed)]

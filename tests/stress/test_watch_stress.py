@@ -119,7 +119,7 @@ def test_twenty_thousand_malformed_requests_and_messages(tmp_path):
             assert server.poll() is None and board.contacts == (False, False, True, False)
             with browser() as page:
                 page.open(address)
-                page.wait("document.getElementById('mode').innerText.includes('Nothing is driven')")
+                page.wait("document.getElementById('mode').innerText.includes('No schedule is played')")
                 page.click("#stop")
                 assert wait(lambda: not any(board.contacts))
 

@@ -77,14 +77,20 @@ class Recording(Record):
 
 
 def predict_markers(
-    body: FilmedBody, recordings: Sequence[Recording], robots: Sequence[RobotParameters]
+    body: FilmedBody,
+    recordings: Sequence[Recording],
+    robots: Sequence[RobotParameters],
+    *,
+    coarse: bool = False,
 ) -> list[FloatArray]:
     """Motions of the markers of different robots of one body under each recording's heating, at its frames.
 
     One array (robots, frames, markers, 2) [m] for each recording; NaN from where a robot blew up. All
-    run side by side in the engine's vector lanes.
+    run side by side in the engine's vector lanes. `coarse`: faster and less exact (`PrintedRobot.coarse`).
     """
     built = [build(body.morphology, robot, ballast=body.ballast) for robot in robots]
+    if coarse:
+        built = [robot.coarse() for robot in built]
     springs = [robot.motor_springs(body.morphology.motors) for robot in robots]
     free, hubs = (
         [robot.free_lengths for robot in robots],
@@ -129,7 +135,15 @@ def _free_lengths(
 def stays_upright(
     rest: FloatArray, tracked: Trajectory, config: IdentificationConfig = DEFAULT_CONFIG
 ) -> bool:
-    """Whether a filmed robot did not fall over. `rest` (K, 2) [m]: positions of its markers at rest.
+    """Whether a filmed robot did not fall over. `rest` (K, 2) [m]: positions of its markers at rest."""
+    return find_fall(rest, tracked, config) is None
+
+
+def find_fall(
+    rest: FloatArray, tracked: Trajectory, config: IdentificationConfig = DEFAULT_CONFIG
+) -> float | None:
+    """When a filmed robot first lay on its side [s]; None if it did so for less than a second in all. `rest`
+    as in `stays_upright`.
 
     The rotation from rest is that of `eldir.built.walking.rotation`, computed from the visible markers.
     Frames with fewer than `config.min_markers` visible markers are ignored.
@@ -142,9 +156,9 @@ def stays_upright(
     number = there.sum(axis=1, keepdims=True)
     a, b = (there * (x - x.sum(axis=1, keepdims=True) / number) for x in (at_rest, current))
     cross = (a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]).sum(axis=1)
-    rotations = np.abs(np.arctan2(cross, (a * b).sum(axis=(1, 2))))
+    lies = np.abs(np.arctan2(cross, (a * b).sum(axis=(1, 2)))) > TOPPLED_ANGLE
     step = np.diff(tracked.times, append=tracked.times[-1:])[enough]
-    return bool(step[rotations > TOPPLED_ANGLE].sum() <= _MIN_LYING_TIME)
+    return float(tracked.times[enough][lies][0]) if step[lies].sum() > _MIN_LYING_TIME else None
 
 
 @dataclass(frozen=True)

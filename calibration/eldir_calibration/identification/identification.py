@@ -55,6 +55,8 @@ class RobotFilms(NamedTuple):
     provenance: dict[str, Any]
     readings: MeterReadings | None = None
     """Current and voltage of hot springs, where the logs hold them."""
+    rooms_c: tuple[float | None, ...] = ()
+    """Temperature of the air in each log [C]; None where it was not measured."""
 
 
 def read_films(
@@ -101,6 +103,7 @@ def read_films(
         ],
         {"eldir": __version__, "logs": [path.name for path in paths], "rig": first.rig.name},
         read_meters([(run.log, run.rig) for run in runs], hot=True),
+        tuple(run.measured.room_c for run in runs),
     )
 
 

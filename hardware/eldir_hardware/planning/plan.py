@@ -96,6 +96,18 @@ def plan(
         scene=config.scene,
         stage=on_stage,
     )
+    return plan_gait(design, rig, found, config, on_stage)
+
+
+def plan_gait(
+    design: Design,
+    rig: Rig,
+    found: GaitSearchResult,
+    config: PlanConfig = PlanConfig(),  # frozen
+    on_stage: Stage = silent,
+) -> ActuationSchedule:
+    """The schedule of a gait that was found for this rig, with its predicted walk."""
+    limits = heating_limits(rig)
     schedule = compile_schedule(
         found.gait,
         rig,

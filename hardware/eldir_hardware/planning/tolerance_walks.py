@@ -81,22 +81,29 @@ def describe_narrower(choices: tuple[NarrowerTolerances, ...], rig: Rig) -> list
     corner; no line where measuring allows nothing."""
     if not choices:
         return []
-    own, lines = rig.tolerances, []
+    lines = []
     for choice in choices:
-        measured = []
-        if choice.current < own.current:
-            measured.append(f"the current is known to {choice.current:.0%}")
-        if (choice.ambient_min_c, choice.ambient_max_c) != (own.ambient_min_c, own.ambient_max_c):
-            measured.append(f"the air has {choice.ambient_min_c:g} to {choice.ambient_max_c:g} C")
+        measured = describe_measured(choice.current, (choice.ambient_min_c, choice.ambient_max_c), rig)
         walk = "falls" if choice.coldest is None else f"{choice.coldest:+.2f}"
         lines.append(
-            f"  if {' and '.join(measured)}: {choice.current_limit_a:.2f} A; coldest corner: {walk}, "
+            f"  if {measured}: {choice.current_limit_a:.2f} A; coldest corner: {walk}, "
             f"{choice.coldest_stroke:.0%} of the stroke"
         )
     return [
         "measured values allow a higher current limit; enter both in the rig file and plan again:",
         *lines,
     ]
+
+
+def describe_measured(current: float, air: tuple[float, float], rig: Rig) -> str:
+    """What must be measured for a tolerance of the current and a range of the air's temperature [C] that are
+    narrower than the rig file's."""
+    own, measured = rig.tolerances, []
+    if current < own.current:
+        measured.append(f"the current is known to {current:.0%}")
+    if air != (own.ambient_min_c, own.ambient_max_c):
+        measured.append(f"the air has {air[0]:g} to {air[1]:g} C")
+    return " and ".join(measured)
 
 
 def _robot_at_tolerances(

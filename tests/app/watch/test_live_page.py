@@ -98,7 +98,7 @@ def test_the_stop_is_in_view_at_every_size_and_place(page, tmp_path):
     rig = rig_file(tmp_path / "rig.yaml", "lcus", "/dev/no-board")
     with watching("--rig", rig) as (address, _):
         page.open(address)
-        page.wait("document.getElementById('mode').innerText.includes('Nothing is driven')")
+        page.wait("document.getElementById('mode').innerText.includes('No schedule is played')")
         for width, height in ((1400, 900), (390, 844), (320, 480), (844, 390)):
             page.size(width, height)
             for scrolled in (0, 10_000):

@@ -30,10 +30,13 @@ MOTORS = (1, 3), (5, 6)
 PHASE, PERIOD, DUTY = 0.875, 20.0, 0.3
 
 
+LATTICE = Lattice(6, 11)
+
+
 @cache
-def walker() -> FilmedBody:
+def walker_genotype() -> Genotype:
     """Eleven masses that a shortlist of `eldir demo` once held, with two motors."""
-    lattice = Lattice(6, 11)
+    lattice = LATTICE
     mask = np.zeros((lattice.rows, lattice.columns), bool)
     mask[tuple(np.transpose(CELLS))] = True
     there = lattice.expressed_springs(mask)
@@ -42,7 +45,13 @@ def walker() -> FilmedBody:
     active = np.zeros(len(lattice.springs), bool)
     for i, ends in enumerate(passive.springs.tolist()):
         active[own[i]] = tuple(ends) in MOTORS
-    body: Morphology = develop(lattice, Genotype(mask, active))
+    return Genotype(mask, active)
+
+
+@cache
+def walker() -> FilmedBody:
+    """The body of `walker_genotype`."""
+    body: Morphology = develop(LATTICE, walker_genotype())
     return FilmedBody(body, marked_masses(body))
 
 

@@ -105,13 +105,15 @@ def test_what_falls_in_the_filmed_robots_is_not_chosen(monkeypatch: pytest.Monke
     scene = scene_of(design, robot=SOFT.at(["hot_length"], [2.0]), spread=0.3)
     tried: list[tuple[Gait, SampledWalks]] = []
 
-    def watched(robots: IdentifiedRobots, gaits: list[Gait], *arguments: int) -> list[SampledWalks]:
-        found = sample_walks(robots, gaits, *arguments)
+    def watched(
+        robots: IdentifiedRobots, gaits: list[Gait], *arguments: int, coarse: bool
+    ) -> list[SampledWalks]:
+        found = sample_walks(robots, gaits, *arguments, coarse=coarse)
         tried.extend(zip(gaits, found, strict=True))
         return found
 
     monkeypatch.setattr(gait_search, "sample_walks", watched)
-    found = search_robust_gait(design, LIMITS, scene)
+    found = search_robust_gait(IdentifiedRobots.of(design, scene), LIMITS)
     nominal = simulate_most_probable(IdentifiedRobots.of(design, scene_of(design)), phases)
     fastest = phases[int(nominal.argmax())]
     assert nominal.max() > 0.05
@@ -130,10 +132,13 @@ def test_neither_the_robot_itself_nor_those_around_it_may_fall(
     drawn, itself = [0.1, 2.0, 0.4, 0.5], [2.0, -np.inf, 0.5, 0.3]
     monkeypatch.setattr(gait_search, "candidate_gaits", lambda motors: phases)
     monkeypatch.setattr(gait_search, "_retime", lambda *_: [])
-    monkeypatch.setattr(gait_search, "sample_walks", lambda *_: [SampledWalks(np.array([x])) for x in drawn])
-    monkeypatch.setattr(gait_search, "simulate_most_probable", lambda *_: np.array(itself))
-    assert search_robust_gait(design, LIMITS, scene_of(design)) is phases[2]
-    assert search_robust_gait(design, LIMITS, scene_of(design), [film(0.4, phases[2])]) is phases[3]
+    monkeypatch.setattr(
+        gait_search, "sample_walks", lambda *_, coarse: [SampledWalks(np.array([x])) for x in drawn]
+    )
+    monkeypatch.setattr(gait_search, "simulate_most_probable", lambda *_, coarse: np.array(itself))
+    robots = IdentifiedRobots.of(design, scene_of(design))
+    assert search_robust_gait(robots, LIMITS) is phases[2]
+    assert search_robust_gait(robots, LIMITS, [film(0.4, phases[2])]) is phases[3]
 
 
 def test_walks_are_predicted_gait_by_gait_and_each_is_announced() -> None:

@@ -78,7 +78,7 @@ def drive(
         typer.echo(f"note: a thermometer at this virtual rig shows {shown:.1f} C; see --room")
     if driven.kind == "real" and driven.board.port is not None:
         require_unlatched(driven.board.port)  # a run that cannot start leaves no log
-    played = _play(heating, driven, rig_file, log, DriveConfig(design, accept_mismatch, room))
+    played = play(heating, driven, rig_file, log, DriveConfig(design, accept_mismatch, room))
     typer.echo(
         f"wrote {log}: {played.duration_s:.0f} s, highest modelled temperature {played.peak_c:.1f} C, "
         f"latest switching {1e3 * played.max_delay_s:.0f} ms late"
@@ -101,7 +101,7 @@ def _print_notes(schedule: ActuationSchedule, rig: Rig, rig_file: Path, design: 
         typer.echo(f"note: not wired as {packet.source} says: {note}")
 
 
-def _play(
+def play(
     schedule: ActuationSchedule,
     rig: Rig,
     rig_file: Path,

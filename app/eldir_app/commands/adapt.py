@@ -1,0 +1,143 @@
+"""The command `eldir adapt`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from eldir_app.options import DesignFile, RigFile
+
+if TYPE_CHECKING:
+    from eldir_calibration.adaptation.runs import AdaptationRun, SupplyAdvice
+    from eldir_hardware.rig.configuration import Rig
+    from eldir_hardware.schedule import ActuationSchedule
+
+
+def adapt(
+    design: DesignFile,
+    rig_file: RigFile,
+    out: Annotated[
+        Path, typer.Option(help="Folder for schedules, logs and beliefs; an adaptation in it goes on.")
+    ],
+    runs: Annotated[int, typer.Option(min=1, max=30, help="Number of runs at most.")] = 5,
+    room: Annotated[
+        float | None, typer.Option(help="Temperature of the air around the springs during all runs [C].")
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Random seed of beliefs and samples.")] = 0,
+    unattended: Annotated[
+        bool, typer.Option("--unattended", help="Heat a real rig without asking before each run.")
+    ] = False,
+) -> None:
+    """Find the gait with which this robot walks farthest on this table.
+
+    Each run plays a schedule, films the robot and finds the robots that may be the filmed one; the next gait
+    is the one that is expected to walk farthest. It ends when no other gait is worth a run. The same command
+    continues an adaptation that was interrupted. All limits of the rig file hold in every run.
+
+    Example: eldir adapt design.json --rig rig.yaml --out adapted
+    """
+    from eldir.design import Design
+    from eldir_app.progress import progress_bar
+    from eldir_hardware.rig.configuration import Rig
+    from eldir_hardware.safety.latch import require_unlatched
+    from eldir_hardware.safety.limits import check_rig, check_room
+
+    Design.load(design)
+    rig = Rig.load(rig_file)
+    _require_own_folder(out)
+    check_rig(rig)
+    check_room(rig, room)
+    if rig.kind == "real" and rig.board.port is not None:
+        require_unlatched(rig.board.port)
+
+    from eldir_calibration.adaptation.loop import adapt
+    from eldir_calibration.adaptation.runs import AdaptationConfig
+
+    with progress_bar(note="each run takes as long as its schedule, and the computer a minute or two") as bar:
+        task = bar.add_task("reading", total=None)
+
+        def drive(schedule: ActuationSchedule, log: Path) -> None:
+            bar.stop()
+            _drive(schedule, log, rig, rig_file, design, room, ask=rig.kind == "real" and not unattended)
+            bar.start()
+
+        def show(what: str, part: float) -> None:
+            bar.update(task, description=what)
+
+        def print_run(number: int, run: AdaptationRun) -> None:
+            bar.console.print(_describe(number, run), highlight=False, soft_wrap=True)
+
+        config = AdaptationConfig(runs=runs, seed=seed)
+        found = adapt(design, rig, out, drive, config, show, print_run)
+    typer.echo(f"ended: {found.ended}")
+    if found.best is None:
+        typer.echo("the robot stayed upright in no run; no schedule is written")
+        return
+    best = found.runs[found.best - 1]
+    for advice in found.advice:
+        typer.echo(_describe_advice(advice, rig, best.filmed))
+    typer.echo(f"wrote {out / 'schedule.json'}: that of run {found.best}, filmed {best.filmed:+.2f}")
+
+
+def _require_own_folder(out: Path) -> None:
+    """Raise `EldirError` for a folder that holds something else than an adaptation."""
+    from eldir.errors import EldirError
+
+    if out.exists() and not (out.is_dir() and ((out / "run_01").exists() or not any(out.iterdir()))):
+        raise EldirError(
+            f"{out} is no folder of an adaptation",
+            code="adapt.other-folder",
+            expected="a new folder, or one of eldir adapt",
+            remedy="give another --out",
+        )
+
+
+def _drive(
+    schedule: ActuationSchedule,
+    log: Path,
+    rig: Rig,
+    rig_file: Path,
+    design: Path,
+    room: float | None,
+    ask: bool,
+) -> None:
+    """Play a schedule as `eldir rig drive` does; a person puts the robot back first."""
+    from eldir_app.commands.rig.drive import play
+    from eldir_hardware.run.drive import DriveConfig
+
+    if ask:
+        walk = schedule.predicted.walk
+        predicted = "" if walk is None or walk.mean is None else f"; predicted {walk.mean:+.2f}"
+        typer.confirm(
+            f"{log.parent.name}: {schedule.duration:.0f} s of heating and rest{predicted}. "
+            "Put the robot at its start, in sight of the camera. Heat now?",
+            abort=True,
+        )
+    play(schedule, rig, rig_file, log, DriveConfig(design, room_c=room))
+
+
+def _describe(number: int, run: AdaptationRun) -> str:
+    """One line about a run."""
+    before = "a fall" if run.predicted is None else f"{run.predicted:+.2f} +- {run.deviation:.2f}"
+    filmed = f"{run.filmed:+.2f}" if run.upright else "a fall"
+    line = f"run {number}: predicted {before}, filmed {filmed} body lengths per five cycles"
+    if run.misfit is not None and run.misfit > 1.0:
+        line += "; the robot moves as no simulated one does: the belief is widened"
+    return line
+
+
+def _describe_advice(advice: SupplyAdvice, rig: Rig, filmed: float) -> str:
+    """One line about a higher current."""
+    from eldir_hardware.planning.tolerance_walks import describe_measured
+
+    measured = describe_measured(advice.current, (advice.ambient_min_c, advice.ambient_max_c), rig)
+    if advice.predicted is None:
+        walk = "predicted to fall"
+    else:
+        walk = f"predicted {advice.predicted:+.2f} +- {advice.deviation:.2f}"
+    return (
+        f"with a current limit of {advice.current_limit_a:.2f} A, if {measured}: {walk} "
+        f"with the same gait, instead of the filmed {filmed:+.2f}"
+    )

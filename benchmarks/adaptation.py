@@ -1,0 +1,157 @@
+"""`python -m benchmarks.adaptation DESIGN...`: robots that learn on rigs unlike the kit (decision 63).
+
+Each design stands on virtual rigs with `parameter_spread: large`, moved by MuJoCo, where `eldir adapt` makes
+its runs. With `--exhaustive` all phases are played on the same rig, and the best true walk is printed beside
+that of the schedule with which the adaptation ended.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from eldir.built.robot import build
+from eldir.built.screening import candidate_gaits
+from eldir.core.files import write_text
+from eldir.design import Design
+from eldir_calibration.adaptation.loop import adapt
+from eldir_calibration.adaptation.runs import AdaptationConfig
+from eldir_hardware.planning.compiler import compile_schedule
+from eldir_hardware.planning.plan import heating_limits
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.rig.template import CURRENT_LIMIT_A, virtual_rig
+from eldir_hardware.run.drive import DriveConfig, drive_rig
+from eldir_hardware.safety.compatibility import with_digests
+from eldir_hardware.schedule import ActuationSchedule
+from eldir_hardware.virtual.rig import BodyFrame
+
+_MEASURED = {"current": 0.02, "ambient_min_c": 19.0, "ambient_max_c": 25.0}  # tolerances with another current
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Print a table, and write adaptation-benchmark.json into `--out`."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.adaptation", description=__doc__)
+    parser.add_argument("designs", nargs="+", type=Path, metavar="DESIGN", help="design.json of packets")
+    parser.add_argument("--out", type=Path, required=True, help="folder to create")
+    parser.add_argument("--seeds", nargs="+", type=int, default=[11, 12], help="of the rigs")
+    parser.add_argument("--runs", type=int, default=5)
+    parser.add_argument(
+        "--current", type=float, default=CURRENT_LIMIT_A, help="current limit of the rigs [A]"
+    )
+    parser.add_argument("--exhaustive", action="store_true")
+    given = parser.parse_args(arguments)
+    rows: list[dict[str, Any]] = []
+    print("| design | rig | runs: predicted, filmed | last schedule | best of all phases | processor [s] |")
+    print("| --- | --- | --- | --- | --- | --- |")
+    for design_file in given.designs:
+        for seed in given.seeds:
+            bench = Bench(design_file.resolve(), seed, given.out / f"{len(rows) + 1:02d}", given.current)
+            rows.append(bench.row(given.runs, given.exhaustive))
+            print(_describe(rows[-1]), flush=True)
+    write_text(given.out / "adaptation-benchmark.json", json.dumps(rows, indent=2) + "\n")
+
+
+@dataclass(frozen=True)
+class Bench:
+    """A design on a hidden rig."""
+
+    design_file: Path
+    seed: int
+    folder: Path
+    current: float
+
+    @cached_property
+    def design(self) -> Design:
+        """The robot."""
+        return Design.load(self.design_file)
+
+    @cached_property
+    def rig_file(self) -> Path:
+        """The rig file, written at the first call."""
+        rig = virtual_rig(self.seed, str(self.design_file), physics="mujoco")
+        self.folder.mkdir(parents=True)
+        file = self.folder / "rig.yaml"
+        file.write_text(
+            rig.replace(f"  seed: {self.seed}\n", f"  seed: {self.seed}\n  parameter_spread: large\n")
+        )
+        return file
+
+    @cached_property
+    def rig(self) -> Rig:
+        """The rig, with narrower tolerances if it has another current than the template's."""
+        rig = Rig.load(self.rig_file)
+        if self.current == CURRENT_LIMIT_A:
+            return rig
+        supply = rig.supply.model_copy(update={"current_limit_a": self.current})
+        return rig.model_copy(
+            update={"supply": supply, "tolerances": rig.tolerances.model_copy(update=_MEASURED)}
+        )
+
+    def row(self, runs: int, exhaustive: bool) -> dict[str, Any]:
+        """An adaptation, and the walks of its last schedule and of all phases."""
+        begin, out = time.process_time(), self.folder / "adapted"
+        found = adapt(self.design_file, self.rig, out, self._drive, AdaptationConfig(runs=runs))
+        used = time.process_time() - begin
+        last = self.true_walk(ActuationSchedule.load(out / "schedule.json"))
+        walks = self._all_phases() if exhaustive else []
+        return {
+            "design": str(self.design_file),
+            "seed": self.seed,
+            "current_a": self.current,
+            **found.to_json(),
+            "last": last,
+            "best_of_all_phases": max([last, *walks]) if walks else None,
+            "processor_s": used,
+        }
+
+    def true_walk(self, schedule: ActuationSchedule) -> float:
+        """Walk of the virtual robot itself, not as filmed [body lengths per five cycles]."""
+        frames: list[BodyFrame] = []
+        assert self.rig.camera is not None
+        camera = self.rig.camera.model_copy(update={"rate_hz": 1.0})  # pictures are not needed
+        log = self.folder / "true-walk.mcap"
+        driving = DriveConfig(self.design_file, on_body=frames.append)
+        drive_rig(schedule, self.rig.model_copy(update={"camera": camera}), self.rig_file, log, driving)
+        log.unlink()
+        t = np.array([frame.time_s for frame in frames])
+        x = np.array([frame.positions for frame in frames])[:, self.design.marks, 0].mean(axis=1)
+        moved = np.interp(schedule.duration, t, x) - np.interp(schedule.start_of_cycles, t, x)
+        return float(moved / build(self.design.morphology).body_length * 5 / schedule.cycles)
+
+    def _drive(self, schedule: ActuationSchedule, log: Path) -> None:
+        drive_rig(schedule, self.rig, self.rig_file, log, DriveConfig(self.design_file))
+
+    def _all_phases(self) -> list[float]:
+        allowed = heating_limits(self.rig).allowed
+        springs = tuple(int(s) for s in np.flatnonzero(self.design.morphology.active))
+        provenance = {"design": str(self.design_file)}
+        return [
+            self.true_walk(
+                with_digests(
+                    compile_schedule(gait, self.rig, springs, 5, provenance), self.rig, self.design, None
+                )
+            )
+            for gait in candidate_gaits(self.design.morphology.motors)
+            if allowed(gait)
+        ]
+
+
+def _describe(row: dict[str, Any]) -> str:
+    runs = "; ".join(
+        f"{r['predicted']:+.2f} +- {r['deviation']:.2f}, {r['filmed']:+.2f}" for r in row["runs"]
+    )
+    best = "" if row["best_of_all_phases"] is None else f"{row['best_of_all_phases']:+.2f}"
+    where = f"{row['design']} | {row['seed']}"
+    return f"| {where} | {runs} | {row['last']:+.2f} | {best} | {row['processor_s']:.0f} |"
+
+
+if __name__ == "__main__":
+    main()

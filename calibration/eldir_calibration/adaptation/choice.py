@@ -1,0 +1,114 @@
+"""The next gait of an adaptation: the one that is expected to improve the walk most; and a better supply."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from scipy.special import ndtr
+
+from eldir.built.gait_search import GaitSearchResult, Stage, search_robust_gait, silent
+from eldir.built.samples import IdentifiedRobots, sample_walks, simulate_most_probable
+from eldir.built.scene import PrintedScene
+from eldir.design import Design
+from eldir_calibration.adaptation.runs import AdaptationConfig, AdaptationRun, SupplyAdvice, best_run
+from eldir_hardware.planning.compiler import extract_gait
+from eldir_hardware.planning.plan import PlanConfig, heating_limits, plan, plan_gait
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.safety.margins import rigs_with_narrower_tolerances
+from eldir_hardware.schedule import ActuationSchedule
+
+
+class NoGaitError(Exception):
+    """No gait is worth a run; the reason, for the user."""
+
+
+def plan_run(
+    design: Design,
+    rig: Rig,
+    plans: PlanConfig,
+    runs: Sequence[AdaptationRun],
+    config: AdaptationConfig,
+    stage: Stage = silent,
+) -> ActuationSchedule:
+    """The schedule of the next run: the one that `eldir gait` makes for a robot without films, or that of the
+    gait that is expected to walk farthest. Raises `NoGaitError` if none is worth a run."""
+
+    if plans.scene is None:
+        return plan(design, rig, plans, stage)
+    filmed = plans.scene.filmed_of(design)
+    robots = IdentifiedRobots.of(design, plans.scene)
+    gait = search_robust_gait(robots, heating_limits(rig), filmed, plans.seed, stage)
+    stage(f"predicting the walks of {config.samples} samples")
+    (walks,) = sample_walks(robots, [gait], config.samples, plans.seed)
+    best = max((run.filmed for run in runs if run.upright), default=0.0)
+    deviation = float(np.hypot(walks.spread_with_falls, model_error(design, plans.scene)))
+    gain = expected_improvement(walks.expected, deviation, best)
+    if gain < config.min_gain:
+        raise NoGaitError(
+            f"no gait is expected to walk farther than {best:+.2f}: the best other one is predicted "
+            f"{walks.expected:+.2f} +- {deviation:.2f}"
+        )
+    reason = f"expected improvement over {best:+.2f}: {gain:.2f} body lengths per five cycles"
+    found = GaitSearchResult({"search": gait}, {"search": walks}, "search", reason=reason)
+    return plan_gait(design, rig, found, plans, stage)
+
+
+def expected_improvement(mean: float, deviation: float, best: float) -> float:
+    """Expected value of max(0, walk - best) of a normally distributed walk (Jones, Schonlau and Welch, J.
+    Global Optimization 13 (1998) 455, eq. 15)."""
+    if not np.isfinite(mean):
+        return 0.0
+    if deviation <= 0.0:
+        return max(0.0, mean - best)
+    u = (mean - best) / deviation
+    return float((mean - best) * ndtr(u) + deviation * np.exp(-u * u / 2) / np.sqrt(2 * np.pi))
+
+
+def model_error(design: Design, scene: PrintedScene) -> float:
+    """Root mean square error of the most probable robot's walk in the filmed gaits, a fall counted as no
+    motion [body lengths per five cycles]."""
+    filmed = scene.filmed_of(design)
+    if not filmed:
+        return 0.0
+    walks = simulate_most_probable(IdentifiedRobots.of(design, scene), [f.gait for f in filmed], coarse=True)
+    shown = np.array([film.walked if film.upright else 0.0 for film in filmed])
+    return float(np.sqrt(np.mean((np.where(np.isfinite(walks), walks, 0.0) - shown) ** 2)))
+
+
+def advise_supply(
+    design: Design,
+    rig: Rig,
+    folder: Path,
+    runs: Sequence[AdaptationRun],
+    scene: PrintedScene,
+    config: AdaptationConfig,
+) -> tuple[SupplyAdvice, ...]:
+    """What the belief predicts for the best schedule with the current that narrower tolerances allow."""
+    best = best_run(runs)
+    assert best is not None
+    schedule = ActuationSchedule.load(folder / runs[best - 1].schedule)
+    gait = extract_gait(schedule)
+    assert gait is not None  # which was filmed
+    robots = IdentifiedRobots.of(design, scene)
+    own, springs = rig.spring_parameters().current_limit, robots.robot.springs
+    found = []
+    for other in rigs_with_narrower_tolerances(schedule, rig):
+        limit, allowed = other.spring_parameters().current_limit, other.tolerances
+        stronger = replace(springs, current_limit=springs.current_limit * limit / own)
+        changed = replace(robots, robot=replace(robots.robot, springs=stronger))
+        (walks,) = sample_walks(changed, [gait], config.samples, config.seed, coarse=True)
+        known = np.isfinite(walks.mean)
+        found.append(
+            SupplyAdvice(
+                allowed.current,
+                allowed.ambient_min_c,
+                allowed.ambient_max_c,
+                limit,
+                round(walks.expected, 4) if known else None,
+                round(walks.spread_with_falls, 4) if known else None,
+            )
+        )
+    return tuple(found)

@@ -1,0 +1,97 @@
+"""Options of an adaptation, and the records of its runs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Annotated
+
+from pydantic import Field
+
+from eldir.built.gait import CYCLES
+from eldir.core.records import FileRecord, Record, record
+from eldir_calibration.dynamics.belief import BeliefConfig
+
+
+@dataclass(frozen=True)
+class AdaptationConfig:
+    """Options of an adaptation."""
+
+    runs: int = 5
+    """Number of runs at most."""
+    seed: int = 0
+    """Random seed of beliefs and samples."""
+    samples: int = 16
+    """Sampled robots of each prediction."""
+    cycles: int = CYCLES
+    """Cycles of a run that count."""
+    belief: BeliefConfig = field(default_factory=BeliefConfig)
+    """Numbers of the beliefs."""
+    min_gain: float = 0.05
+    """A gait is tried if it is expected to improve the best filmed walk by this [body lengths per five
+    cycles]."""
+
+
+@record
+class AdaptationRun(Record):
+    """A run of an adaptation."""
+
+    schedule: str
+    """Path of its schedule in the folder."""
+    log: str
+    """Path of its log in the folder."""
+    current_limit_a: float
+    """Current limit of the supply in this run [A]."""
+    predicted: float | None
+    """Predicted walk before the run [body lengths per five cycles]; null if all samples fell."""
+    deviation: float | None
+    """Standard deviation of that prediction, with the error of the belief in the runs before
+    [body lengths per five cycles]."""
+    misfit: Annotated[float, Field(ge=0)] | None
+    """Mean square of what the belief before this run leaves of the films, in assumed standard deviations;
+    above 1 the robot moves as no simulated one does. null for the first run, which has no films."""
+    filmed: float
+    """Walk that was filmed [body lengths per five cycles]."""
+    upright: bool
+    """Whether the robot stayed upright."""
+
+
+@record
+class SupplyAdvice(Record):
+    """A higher current limit, which needs narrower tolerances in the rig file, and its predicted walk."""
+
+    current: float
+    """Relative tolerance of the current."""
+    ambient_min_c: float
+    """Least temperature of the air around the springs [C]."""
+    ambient_max_c: float
+    """Highest temperature of the air around the springs [C]."""
+    current_limit_a: float
+    """Highest current limit of the supply with which the best schedule keeps the limits [A]."""
+    predicted: float | None
+    """Walk that the belief predicts for it [body lengths per five cycles]; null if all samples fall."""
+    deviation: float | None
+    """Standard deviation of that prediction [body lengths per five cycles]."""
+
+
+@record
+class Adaptation(FileRecord):
+    """Runs of an adaptation, and the best of them. JSON "eldir-adaptation/1"."""
+
+    FORMAT = "eldir-adaptation/1"
+    OPTIONAL = frozenset()
+
+    runs: tuple[AdaptationRun, ...]
+    """The runs, in the order in which they were made."""
+    best: Annotated[int, Field(ge=1)] | None
+    """Number of the run in which the robot walked farthest without a fall, from 1; null if it never did."""
+    ended: str
+    """Why no further run was made; empty while runs are left."""
+    advice: tuple[SupplyAdvice, ...] = ()
+    """What a higher current would bring; empty while runs are left."""
+
+
+def best_run(runs: Sequence[AdaptationRun]) -> int | None:
+    """Number of the run in which the robot walked farthest without a fall, from 1."""
+    upright = [number for number, run in enumerate(runs, start=1) if run.upright]
+    return max(upright, key=lambda number: runs[number - 1].filmed, default=None)

@@ -1,0 +1,223 @@
+"""An adaptation: its runs, folder, decisions after an interruption, and what the command says."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import jsonschema
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.stats import norm
+from typer.testing import CliRunner
+
+from eldir.built import gait_search, samples
+from eldir.built.scene import PrintedScene
+from eldir.built.screening import candidate_gaits
+from eldir.controller import Controller
+from eldir.design import Design
+from eldir.errors import EldirError, InputError
+from eldir.parameters.printed import BuiltParameters
+from eldir.parameters.robot import RobotParameters
+from eldir.scene import Scene
+from eldir.terrain import Terrain
+from eldir.trajectory import Trajectory
+from eldir_app.application import application
+from eldir_calibration.adaptation.choice import expected_improvement
+from eldir_calibration.adaptation.loop import adapt
+from eldir_calibration.adaptation.runs import Adaptation, AdaptationConfig
+from eldir_calibration.dynamics.belief import BeliefConfig
+from eldir_calibration.dynamics.recording import INTERVAL, FilmedBody, Recording, predict_markers
+from eldir_hardware.log.recorder import Recorder
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.schedule import ActuationSchedule
+from tests.calibration.dynamics.hidden_rigs import LATTICE, walker, walker_genotype
+from tests.hardware.rigs_and_schedules import rig_text
+from tests.paths import SCHEMAS
+from tests.raised import raises
+
+STEP = Terrain(np.array([-1.0, 0.06, 0.12]), np.array([0.0, 0.1, 0.0]), np.array([0.0, -0.006, 0.006]))
+OFF = {"hot_length": -0.8, "current": 0.5, "friction": 0.5}
+FEW = AdaptationConfig(runs=2, samples=2, cycles=2, min_gain=0.0, belief=BeliefConfig(members=8, max_steps=1))
+
+
+def make_walker() -> Design:
+    """A design with the body of the hidden rigs' robot."""
+    body = walker().morphology
+    controller = Controller.random(len(body.positions), body.motors, np.random.default_rng(1))
+    return Design(LATTICE, walker_genotype(), controller, Scene.preset("paper"))
+
+
+class Bench:
+    """A rig in a folder, and a robot on it whose parameters only this class knows. It walks as the engine
+    says, and its log holds tracks instead of pictures."""
+
+    def __init__(self, folder: Path):
+        self.folder, self.design_file, self.rig_file = folder, folder / "design.json", folder / "rig.yaml"
+        self.design = make_walker()
+        self.design.save(self.design_file)
+        self.rig_file.write_text(rig_text(seed=4, design="design.json"))
+        self.fails_in_run = 0
+        self.driven: list[str] = []
+        self.decided: dict[str, bytes] = {}
+
+    @property
+    def rig(self) -> Rig:
+        return Rig.load(self.rig_file)
+
+    def adapt(self, out: str = "out", config: AdaptationConfig = FEW) -> Adaptation:
+        return adapt(self.design_file, self.rig, self.folder / out, self.drive, config)
+
+    def drive(self, schedule: ActuationSchedule, log: Path) -> None:
+        self.driven.append(log.parent.name)
+        if self.fails_in_run == int(log.parent.name[-2:]):
+            log.write_bytes(b"the first records of a log")
+            raise EldirError("the supply has failed")
+        channels, states = schedule.sampled(INTERVAL)
+        own = {entry.channel: entry.spring for entry in self.rig.channels}
+        motors = [[channels.index(c) for c in channels if own[c] == m] for m in range(2)]
+        on = np.stack([states[:, columns].mean(axis=1) for columns in motors], axis=1)
+        names = tuple(f"m{i + 1}" for i in range(len(self.design.marks)))
+        times = np.arange(0.0, len(on) * INTERVAL, 0.1)
+        blank = Recording(Trajectory(names, times, np.zeros((len(times), len(names), 2))), on, 0.0, 1.0, 1)
+        nominal = RobotParameters(BuiltParameters().with_hubs(), self.rig.spring_parameters())
+        body = FilmedBody(self.design.morphology, self.design.marks, self.design.ballast / 2)
+        (moved,) = predict_markers(body, [blank], [nominal.at(tuple(OFF), list(OFF.values()))])[0]
+        springs = [f"spring{entry.spring}_{entry.face}" for entry in self.rig.channels]
+        with Recorder(log, [f"channel{c}" for c in range(1, 5)], springs) as recorder:
+            recorder.attach("schedule.json", json.dumps(schedule.to_json()).encode())
+            recorder.attach("rig.yaml", self.rig_file.read_bytes())
+            recorder.attach("design.json", self.design_file.read_bytes())
+            recorder.on_relays(0.0, [False] * 4)
+            closed = dict.fromkeys(range(1, 5), False)
+            for t, changes in schedule.switchings():
+                closed |= changes
+                recorder.on_relays(t, list(closed.values()))
+            for t, marks in zip(times, moved, strict=True):
+                recorder.on_tracks(t, names, marks)
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
+    """After an adaptation whose second run failed, and which went on."""
+    with pytest.MonkeyPatch.context() as shorter:  # how far it walks in the end is no matter here
+        shorter.setattr(samples, "CYCLES", 1)
+        shorter.setattr(gait_search, "candidate_gaits", lambda motors: candidate_gaits(motors, 3))
+        made = Bench(tmp_path_factory.mktemp("bench"))
+        made.fails_in_run = 2
+        with pytest.raises(EldirError, match="the supply has failed"):
+            made.adapt()
+        made.fails_in_run, made.decided = 0, files(made.folder / "out" / "run_02")
+        made.adapt()
+        yield made
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file() and path.suffix == ".json"
+    }
+
+
+def test_every_run_is_kept_and_the_best_one_is_the_result(bench: Bench) -> None:
+    out = bench.folder / "out"
+    values = json.loads((out / "adaptation.json").read_text())
+    jsonschema.validate(values, json.loads((SCHEMAS / "adaptation.schema.json").read_text()))
+    found = Adaptation.load(out / "adaptation.json")
+    assert [run.log for run in found.runs] == ["run_01/run_01.mcap", "run_02/run_02.mcap"]
+    assert all((out / run.log).exists() and (out / run.schedule).exists() for run in found.runs)
+    assert found.ended == "all 2 runs are made" and found.best is not None
+    best = found.runs[found.best - 1]
+    assert best.filmed == max(run.filmed for run in found.runs if run.upright)
+    assert (out / "schedule.json").read_bytes() == (out / best.schedule).read_bytes()
+    first, second = (ActuationSchedule.load(out / run.schedule) for run in found.runs)
+    assert first.events != second.events and second.predicted.choice is not None
+    assert found.runs[0].misfit is None and found.runs[1].misfit is not None
+    before, after = PrintedScene.load(out / "run_02" / "belief.json"), PrintedScene.load(out / "belief.json")
+    assert len(before.filmed_gaits) == 1 and len(after.filmed_gaits) == 2
+    assert after.provenance["logs"] == ["run_01.mcap", "run_02.mcap"]
+    assert [advice.current_limit_a > bench.rig.supply.current_limit_a for advice in found.advice] == [
+        True
+    ] * 3
+
+
+def test_an_interrupted_adaptation_goes_on_with_the_same_decisions(bench: Bench) -> None:
+    """No run is driven twice, the failed run's log is kept, and belief and schedule have the same bytes."""
+    place = bench.folder / "out" / "run_02"
+    assert bench.driven == ["run_01", "run_02", "run_02"]
+    assert set(bench.decided) == {"belief.json", "schedule.json"} and files(place) == bench.decided
+    assert (place / "interrupted_01.mcap").read_bytes() == b"the first records of a log"
+
+
+@pytest.mark.stress
+def test_an_adaptation_that_is_complete_stays_as_it_is(bench: Bench) -> None:
+    copy = bench.folder / "complete"
+    shutil.copytree(bench.folder / "out", copy)
+    bench.driven.clear()
+    bench.adapt("complete")
+    assert not bench.driven and files(copy) == files(bench.folder / "out")
+
+
+@pytest.mark.stress
+def test_it_ends_when_no_gait_is_worth_a_run(bench: Bench) -> None:
+    copy = bench.folder / "worth"
+    shutil.copytree(bench.folder / "out", copy)
+    bench.driven.clear()
+    found = bench.adapt("worth", replace(FEW, runs=3, min_gain=1e3))
+    assert not bench.driven and len(found.runs) == 2
+    assert found.ended.startswith("no gait is expected to walk farther than")
+
+
+@pytest.mark.stress
+def test_the_supply_may_be_turned_up_between_runs_but_springs_stay(bench: Bench) -> None:
+    """A film with the old current counts; its gait is another one with the new current."""
+    copy, text = bench.folder / "supply", bench.rig_file.read_text()
+    shutil.copytree(bench.folder / "out", copy)
+    own = bench.rig.supply.current_limit_a
+    bench.rig_file.write_text(text.replace(f"current_limit_a: {own}", "current_limit_a: 3.3"))
+    try:
+        found = bench.adapt("supply", replace(FEW, runs=3))
+        assert [run.current_limit_a for run in found.runs] == [own, own, 3.3]
+        scene = PrintedScene.load(copy / "run_03" / "belief.json")
+        assert not scene.filmed_gaits and scene.provenance["logs"] == ["run_01.mcap", "run_02.mcap"]
+        assert (
+            scene.springs.current_limit
+            < PrintedScene.load(copy / "run_02" / "belief.json").springs.current_limit
+        )
+        bench.rig_file.write_text(text.replace("resistance_ohm: 0.987", "resistance_ohm: 0.9"))
+        with raises(InputError, "dynamics.different-rigs", match="run_01.mcap"):
+            bench.adapt("supply", replace(FEW, runs=4))
+    finally:
+        bench.rig_file.write_text(text)
+
+
+@pytest.mark.parametrize(("mean", "deviation", "best"), [(1.0, 0.3, 0.9), (0.5, 0.4, 1.2), (1.5, 0.1, 1.0)])
+def test_the_expected_improvement_is_its_integral(mean: float, deviation: float, best: float) -> None:
+    def improvement(walk: float) -> float:
+        return float((walk - best) * norm.pdf(walk, mean, deviation))
+
+    expected, _ = quad(improvement, best, mean + 10 * deviation)
+    assert expected_improvement(mean, deviation, best) == pytest.approx(expected, rel=1e-6)
+    assert expected_improvement(mean, 0.0, best) == max(0.0, mean - best)
+    assert expected_improvement(-np.inf, deviation, best) == 0.0
+
+
+def test_what_cannot_be_adapted_is_refused_before_anything_is_heated(bench: Bench, tmp_path: Path) -> None:
+    folder = tmp_path / "mine"
+    folder.mkdir()
+    (folder / "notes.txt").write_text("mine")
+    command = ["adapt", str(bench.design_file), "--rig", str(bench.rig_file), "--out"]
+    result = CliRunner().invoke(application(), [*command, str(folder)])
+    assert isinstance(result.exception, EldirError) and result.exception.code == "adapt.other-folder"
+    result = CliRunner().invoke(application(), [*command, str(tmp_path / "new"), "--room", "50"])
+    assert isinstance(result.exception, EldirError) and result.exception.code == "limit.room"
+    on_ground = replace(bench.design, printed_terrain=STEP)
+    on_ground.save(tmp_path / "design.json")
+    with raises(InputError, "dynamics.terrain"):
+        adapt(tmp_path / "design.json", bench.rig, tmp_path / "new", bench.drive)
+    assert not (tmp_path / "new").exists()
