@@ -12,6 +12,7 @@ Schema = dict[str, Any]
 _MAX_DEPTH = 12
 # Pages that explain a format, where they have another name.
 _PAGE_OF_FORMAT = {
+    "adaptation": "how-to/adapt",
     "board": "rig",
     "built-scene": "dynamics",
     "design": "evolution",
@@ -55,9 +56,10 @@ def _page(name: str, schema: Schema) -> Iterator[str]:
     kind = schema.get("properties", {}).get("format", {})
     named = kind.get("const") or " or ".join(kind.get("enum", []))
     page = _PAGE_OF_FORMAT.get(name, name)
-    target = f"/{page}.md" if page in ("benchmarks", "installation") else f"/reference/{page}.md"
+    elsewhere = page in ("benchmarks", "installation") or "/" in page
+    target = f"/{page}.md" if elsewhere else f"/reference/{page}.md"
     yield (
-        (f"Explained in [{page}]({target}). ")
+        (f"Explained in [{page.removeprefix('how-to/')}]({target}). ")
         + (f"Format `{named}`. " if named else "")
         + (f"The schema, for programs: {{download}}`{name}.schema.json </schemas/{name}.schema.json>`.")
     )
