@@ -22,7 +22,7 @@ from eldir.errors import InputError
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
-from eldir_calibration.adaptation.choice import NoGaitError, advise_supply, model_error, plan_run
+from eldir_calibration.adaptation.choice import NoGaitError, advise_supply, discrepancy, plan_run
 from eldir_calibration.adaptation.runs import Adaptation, AdaptationConfig, AdaptationRun, best_run
 from eldir_calibration.dynamics.belief import believe
 from eldir_calibration.dynamics.recording import NOT_MEASURED, Measurements, Progress, find_fall
@@ -183,9 +183,9 @@ def _record(
     """`scene`: the belief before the run."""
     (film,) = films.filmed_gaits
     folder, mean, deviation = log.parent.name, None, None
-    error = 0.0 if scene is None else model_error(design, scene)
+    bias, error = (0.0, 0.0) if scene is None else discrepancy(design, scene)
     if (walk := schedule.predicted.walk) is not None and walk.mean is not None:
-        mean, deviation = round(walk.mean, 4), round(float(np.hypot(walk.spread or 0.0, error)), 4)
+        mean, deviation = round(walk.mean - bias, 4), round(float(np.hypot(walk.spread or 0.0, error)), 4)
     return AdaptationRun(
         f"{folder}/{_SCHEDULE}",
         f"{folder}/{log.name}",

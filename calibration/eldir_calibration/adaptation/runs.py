@@ -43,7 +43,8 @@ class AdaptationRun(Record):
     current_limit_a: float
     """Current limit of the supply in this run [A]."""
     predicted: float | None
-    """Predicted walk before the run [body lengths per five cycles]; null if all samples fell."""
+    """Predicted walk before the run, less what the belief predicted too much for the runs before [body
+    lengths per five cycles]; null if all samples fell."""
     deviation: float | None
     """Standard deviation of that prediction, with the error of the belief in the runs before
     [body lengths per five cycles]."""

@@ -16,6 +16,7 @@ from scipy.stats import norm
 from typer.testing import CliRunner
 
 from eldir.built import gait_search, samples
+from eldir.built.samples import IdentifiedRobots, simulate_most_probable
 from eldir.built.scene import PrintedScene
 from eldir.built.screening import candidate_gaits
 from eldir.controller import Controller
@@ -27,7 +28,7 @@ from eldir.scene import Scene
 from eldir.terrain import Terrain
 from eldir.trajectory import Trajectory
 from eldir_app.application import application
-from eldir_calibration.adaptation.choice import expected_improvement
+from eldir_calibration.adaptation.choice import discrepancy, expected_improvement
 from eldir_calibration.adaptation.loop import adapt
 from eldir_calibration.adaptation.runs import Adaptation, AdaptationConfig
 from eldir_calibration.dynamics.belief import BeliefConfig
@@ -152,6 +153,21 @@ def test_an_interrupted_adaptation_goes_on_with_the_same_decisions(bench: Bench)
     assert bench.driven == ["run_01", "run_02", "run_02"]
     assert set(bench.decided) == {"belief.json", "schedule.json"} and files(place) == bench.decided
     assert (place / "interrupted_01.mcap").read_bytes() == b"the first records of a log"
+
+
+def test_one_film_tells_half_of_what_is_predicted_too_much(bench: Bench) -> None:
+    out = bench.folder / "out"
+    runs = Adaptation.load(out / "adaptation.json").runs
+    scene = PrintedScene.load(out / "run_02" / "belief.json")
+    (walk,) = simulate_most_probable(
+        IdentifiedRobots.of(bench.design, scene), [scene.filmed_gaits[0].gait], coarse=True
+    )
+    bias, error = discrepancy(bench.design, scene)
+    assert bias == pytest.approx((walk - runs[0].filmed) / 2, abs=1e-4) and error == pytest.approx(
+        abs(2 * bias)
+    )
+    planned = ActuationSchedule.load(out / runs[1].schedule).predicted.walk
+    assert planned is not None and runs[1].predicted == pytest.approx(planned.mean - bias, abs=1e-4)
 
 
 @pytest.mark.stress
