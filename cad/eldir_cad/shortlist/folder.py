@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -28,6 +29,7 @@ from eldir_cad.checks.violations import BuildReport
 from eldir_cad.shortlist.ranking import MAX_SIMILARITY, RankedDesign, Shortlist, spring_overlap
 
 Share = Annotated[float, Field(ge=0, le=1)]
+_TITLE_WIDTH = 72  # of a robot's title in the picture [characters]
 
 
 @record
@@ -244,8 +246,9 @@ def draw_designs(candidates: Sequence[RankedDesign], rows: Sequence[RankingRow])
         axes.set_aspect("equal")
         axes.axis("off")
         walks = row.predicted.sampled_walks
-        likeness = f"; {row.likeness}" * bool(row.likeness)
-        axes.set_title(f"{Path(row.file).stem}: {walks}\n{walks.forward}{likeness}", fontsize=8)
+        parts = [f"{Path(row.file).stem}: {walks}", walks.forward, row.likeness]
+        title = "\n".join(textwrap.fill(part, _TITLE_WIDTH) for part in parts if part)
+        axes.set_title(title, fontsize=8)
     handles = [
         Line2D([], [], color=MOTOR, label="motor"),
         Line2D([], [], color=MARK, marker="o", ls="", label="m1 to m5"),
