@@ -230,7 +230,15 @@ def walk_in_all_phases(springs: SpringParameters) -> list[np.ndarray]:
 
 
 @pytest.mark.slow(30)
-@pytest.mark.parametrize("simulate", [walk_alone, walk_samples, walk_in_trials, walk_in_all_phases])
+@pytest.mark.parametrize(
+    "simulate",
+    [
+        walk_alone,
+        walk_samples,
+        walk_in_trials,
+        pytest.param(walk_in_all_phases, marks=pytest.mark.stress),
+    ],
+)
 def test_what_simulates_robots_knows_which_of_their_springs_meet(simulate):
     before, after = simulate(ALONE), simulate(replace(P, neighbour_conductance=0.03))
     stands = [np.isfinite(a) & np.isfinite(b) for a, b in zip(before, after, strict=True)]
