@@ -67,7 +67,7 @@ def adapt(
             bar.update(task, description=what)
 
         def print_run(number: int, run: AdaptationRun) -> None:
-            bar.console.print(_describe(number, run), highlight=False, soft_wrap=True)
+            typer.echo(_describe(number, run))
 
         config = AdaptationConfig(runs=runs, seed=seed)
         found = adapt(design, rig, out, drive, config, show, print_run)
@@ -104,9 +104,10 @@ def _drive(
     ask: bool,
 ) -> None:
     """Play a schedule as `eldir rig drive` does; a person puts the robot back first."""
-    from eldir_app.commands.rig.drive import play
+    from eldir_app.commands.rig.drive import play, print_notes
     from eldir_hardware.run.drive import DriveConfig
 
+    print_notes(schedule, rig, rig_file, design)
     if ask:
         walk = schedule.predicted.walk
         predicted = "" if walk is None or walk.mean is None else f"; predicted {walk.mean:+.2f}"

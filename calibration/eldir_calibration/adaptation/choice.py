@@ -35,7 +35,6 @@ def plan_run(
 ) -> ActuationSchedule:
     """The schedule of the next run: the one that `eldir gait` makes for a robot without films, or that of the
     gait that is expected to walk farthest. Raises `NoGaitError` if none is worth a run."""
-
     if plans.scene is None:
         return plan(design, rig, plans, stage)
     filmed = plans.scene.filmed_of(design)
@@ -99,7 +98,7 @@ def advise_supply(
     assert gait is not None  # which was filmed
     robots = IdentifiedRobots.of(design, scene)
     own, springs = rig.spring_parameters().current_limit, robots.robot.springs
-    (bias, _), found = discrepancy(design, scene), []
+    (bias, error), found = discrepancy(design, scene), []
     for other in rigs_with_narrower_tolerances(schedule, rig):
         limit, allowed = other.spring_parameters().current_limit, other.tolerances
         stronger = replace(springs, current_limit=springs.current_limit * limit / own)
@@ -113,7 +112,7 @@ def advise_supply(
                 allowed.ambient_max_c,
                 limit,
                 round(walks.expected - bias, 4) if known else None,
-                round(walks.spread_with_falls, 4) if known else None,
+                round(float(np.hypot(walks.spread_with_falls, error)), 4) if known else None,
             )
         )
     return tuple(found)

@@ -25,7 +25,13 @@ from eldir.parameters.springs import SpringParameters
 from eldir_calibration.adaptation.choice import NoGaitError, advise_supply, discrepancy, plan_run
 from eldir_calibration.adaptation.runs import Adaptation, AdaptationConfig, AdaptationRun, best_run
 from eldir_calibration.dynamics.belief import believe
-from eldir_calibration.dynamics.recording import NOT_MEASURED, Measurements, Progress, find_fall
+from eldir_calibration.dynamics.recording import (
+    NOT_MEASURED,
+    Measurements,
+    Progress,
+    find_fall,
+    require_informative,
+)
 from eldir_calibration.identification.identification import RobotFilms, read_films
 from eldir_hardware.planning.plan import PlanConfig
 from eldir_hardware.rig.configuration import Rig
@@ -49,7 +55,8 @@ def adapt(
     """Make runs in `folder`, a new one or that of an adaptation that goes on, until no gait is expected to
     walk farther, or there are `config.runs`.
 
-    `on_run` is called with each run after its film was read. Raises `InputError` for a robot on a printed
+    `on_run` is called with each run after its film was read. The log of a film that cannot be used is kept
+    under another name, and the run is repeated by the next call. Raises `InputError` for a robot on a printed
     ground, whose films do not tell where it is, and for logs of other springs.
     """
     design = Design.load(design_file)
@@ -61,6 +68,7 @@ def adapt(
     ended = f"all {config.runs} runs are made"
     while len(runs) < config.runs:
         place = folder / f"run_{len(runs) + 1:02d}"
+        log = place / f"{place.name}.mcap"
         plans = PlanConfig(
             seed=config.seed + len(runs),
             samples=config.samples,
@@ -68,19 +76,24 @@ def adapt(
             design_file=os.path.relpath(design_file, place),
             scene=scene,
         )
-        try:
-            schedule = plan_run(design, rig, plans, runs, config, lambda what: progress(what, 0.0))
-        except NoGaitError as found:
-            ended = str(found)
-            break
-        log = place / f"{place.name}.mcap"
-        if not log.exists():
+        if log.exists():  # the run before was interrupted after it was played
+            schedule = ActuationSchedule.load(place / _SCHEDULE)
+        else:
+            try:
+                schedule = plan_run(design, rig, plans, runs, config, lambda what: progress(what, 0.0))
+            except NoGaitError as reason:
+                ended = str(reason)
+                break
             place.mkdir(parents=True, exist_ok=True)
             if scene is not None:
                 scene.save(place / _BELIEF)
             schedule.save(place / _SCHEDULE)
             _drive(drive, schedule, log)
-        films.append(_read(log, design, rig, progress))
+        try:
+            films.append(_read(log, design, rig, progress))
+        except InputError:
+            _set_aside(log)  # else the same command would fail for ever
+            raise
         runs.append(_record(log, design, schedule, films[-1], scene))
         _save(folder, Adaptation(tuple(runs), best_run(runs), ""))
         on_run(len(runs), runs[-1])
@@ -106,16 +119,22 @@ def _drive(drive: Drive, schedule: ActuationSchedule, log: Path) -> None:
     kept beside it."""
     partial = log.with_name("playing.mcap")
     if partial.exists():
-        count = len(list(log.parent.glob("interrupted_*.mcap"))) + 1
-        partial.rename(log.with_name(f"interrupted_{count:02d}.mcap"))
+        _set_aside(partial)
     drive(schedule, partial)
     partial.rename(log)
 
 
+def _set_aside(log: Path) -> None:
+    """Keep a log that does not count under another name."""
+    count = len(list(log.parent.glob("interrupted_*.mcap"))) + 1
+    log.rename(log.with_name(f"interrupted_{count:02d}.mcap"))
+
+
 def _read(log: Path, design: Design, rig: Rig, progress: Progress) -> RobotFilms:
-    """The film of a run. Raises `InputError` if its springs differ in more than the supply's current
-    limit."""
+    """The film of a run. Raises `InputError` if it shows too little, or if its springs differ in more than
+    the supply's current limit."""
     films = read_films([log], design, progress)
+    require_informative(films.recordings)
     springs = rig.spring_parameters()
     if replace(films.nominal.springs, current_limit=springs.current_limit) != springs:
         raise InputError(

@@ -72,7 +72,8 @@ class SupplyAdvice(Record):
     predicted: float | None
     """Walk that the belief predicts for it [body lengths per five cycles]; null if all samples fall."""
     deviation: float | None
-    """Standard deviation of that prediction [body lengths per five cycles]."""
+    """Standard deviation of that prediction, with the error of the belief in the filmed gaits [body lengths
+    per five cycles]."""
 
 
 @record

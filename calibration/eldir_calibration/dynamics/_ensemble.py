@@ -32,10 +32,16 @@ def update(z: FloatArray, residuals: FloatArray, share: float, rng: np.random.Ge
     `z`: members before, shape (N, P). `residuals`: data less each member's prediction, in standard deviations
     of independent errors, shape (N, D). The data are perturbed for each member, so that the spread of the
     members is that of the parameters after the step. Matrices are N x N, however many data there are.
+    Sums over data are no products of BLAS, whose rounding depends on the number of threads.
     """
     members = len(z)
     predictions = -(residuals - residuals.mean(axis=0)) / np.sqrt(members - 1)
     deviations = (z - z.mean(axis=0)) / np.sqrt(members - 1)
     perturbed = residuals + rng.standard_normal(residuals.shape) / np.sqrt(share)
-    gain = np.linalg.solve(predictions @ predictions.T + np.eye(members) / share, deviations)
-    return z + (perturbed @ predictions.T) @ gain
+    covariance = _products(predictions, predictions) + np.eye(members) / share
+    return z + _products(perturbed, predictions) @ np.linalg.solve(covariance, deviations)
+
+
+def _products(a: FloatArray, b: FloatArray) -> FloatArray:
+    """a @ b.T, shape (N, N)."""
+    return np.einsum("id,jd->ij", a, b)

@@ -63,6 +63,7 @@ class Bench:
         self.design.save(self.design_file)
         self.rig_file.write_text(rig_text(seed=4, design="design.json"))
         self.fails_in_run = 0
+        self.is_cold = False
         self.driven: list[str] = []
         self.decided: dict[str, bytes] = {}
 
@@ -87,7 +88,8 @@ class Bench:
         blank = Recording(Trajectory(names, times, np.zeros((len(times), len(names), 2))), on, 0.0, 1.0, 1)
         nominal = RobotParameters(BuiltParameters().with_hubs(), self.rig.spring_parameters())
         body = FilmedBody(self.design.morphology, self.design.marks, self.design.ballast / 2)
-        (moved,) = predict_markers(body, [blank], [nominal.at(tuple(OFF), list(OFF.values()))])[0]
+        moving = replace(blank, contact_shares=0.0 * on) if self.is_cold else blank
+        (moved,) = predict_markers(body, [moving], [nominal.at(tuple(OFF), list(OFF.values()))])[0]
         springs = [f"spring{entry.spring}_{entry.face}" for entry in self.rig.channels]
         with Recorder(log, [f"channel{c}" for c in range(1, 5)], springs) as recorder:
             recorder.attach("schedule.json", json.dumps(schedule.to_json()).encode())
@@ -177,6 +179,32 @@ def test_an_adaptation_that_is_complete_stays_as_it_is(bench: Bench) -> None:
     bench.driven.clear()
     bench.adapt("complete")
     assert not bench.driven and files(copy) == files(bench.folder / "out")
+
+
+@pytest.mark.stress
+def test_a_run_that_was_played_but_not_recorded_counts(bench: Bench) -> None:
+    """With the schedule that was played, whatever would be chosen now."""
+    copy = bench.folder / "played"
+    shutil.copytree(bench.folder / "out", copy)
+    whole = Adaptation.load(copy / "adaptation.json")
+    replace(whole, runs=whole.runs[:1], best=1, ended="", advice=()).save(copy / "adaptation.json")
+    before = files(copy / "run_02")
+    bench.driven.clear()
+    found = bench.adapt("played", replace(FEW, min_gain=1e3))
+    assert not bench.driven and len(found.runs) == 2 and files(copy / "run_02") == before
+
+
+@pytest.mark.stress
+def test_a_film_that_shows_nothing_is_kept_aside_and_its_run_repeated(bench: Bench) -> None:
+    """Such as of a run with the supply switched off: no belief comes from it."""
+    bench.is_cold = True
+    for again in (1, 2):
+        with raises(InputError, "dynamics.hardly-moves"):
+            bench.adapt("cold")
+        kept = sorted(path.name for path in (bench.folder / "cold" / "run_01").glob("*.mcap"))
+        assert kept == [f"interrupted_{k:02d}.mcap" for k in range(1, again + 1)]
+    bench.is_cold = False
+    assert not (bench.folder / "cold" / "adaptation.json").exists()
 
 
 @pytest.mark.stress

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -41,6 +44,26 @@ def test_the_posterior_of_a_linear_model_is_the_closed_form(shares: tuple[float,
     covariance = np.linalg.inv(np.eye(2) + matrix.T @ matrix)
     assert z.mean(axis=0) == pytest.approx(covariance @ matrix.T @ data, abs=0.12)
     assert np.cov(z.T) == pytest.approx(covariance, abs=0.04)
+
+
+def test_the_bytes_do_not_depend_on_the_threads_of_blas() -> None:
+    program = (
+        "import numpy as np\n"
+        "from eldir_calibration.dynamics._ensemble import update\n"
+        "rng = np.random.default_rng(0)\n"
+        "z, residuals = rng.standard_normal((64, 30)), rng.standard_normal((64, 18000))\n"
+        "print(update(z, residuals, 0.4, rng).tobytes().hex())"
+    )
+    found = [
+        subprocess.run(
+            [sys.executable, "-c", program],
+            env=os.environ | {"OPENBLAS_NUM_THREADS": threads},
+            capture_output=True,
+            check=True,
+        ).stdout
+        for threads in ("1", "2")
+    ]
+    assert found[0] == found[1] and len(found[0]) > 1000
 
 
 def test_a_step_uses_the_less_the_worse_the_members_fit() -> None:

@@ -69,7 +69,7 @@ def drive(
     heating, rig = ActuationSchedule.load(schedule), Rig.load(rig_file)
     if design is None and rig.virtual.design is None and heating.provenance.design is not None:
         design = schedule.parent / heating.provenance.design
-    _print_notes(heating, rig, rig_file, design)
+    print_notes(heating, rig, rig_file, design)
     driven = to_dry_run(rig) if dry_run else rig
     if driven.kind == "virtual" and driven.thermometer is None and room is None and not dry_run:
         from eldir_hardware.virtual.rig import thermometer_reading
@@ -85,7 +85,7 @@ def drive(
     )
 
 
-def _print_notes(schedule: ActuationSchedule, rig: Rig, rig_file: Path, design: Path | None) -> None:
+def print_notes(schedule: ActuationSchedule, rig: Rig, rig_file: Path, design: Path | None) -> None:
     """Print what is unusual about the timing, the springs and the wiring."""
     from eldir_hardware.planning.compiler import describe_precision
     from eldir_hardware.rig.supply import find_implausible_springs
