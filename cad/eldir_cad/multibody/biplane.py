@@ -80,10 +80,9 @@ class Biplane:
     def coil_commands(self, lengths: FloatArray, free: tuple[float, float]) -> tuple[FloatArray, FloatArray]:
         """As `Multibody.coil_commands`, for coils in the order front and back of the first motor, front and
         back of the second: shape (K, 2A) each."""
-        share_hot = np.clip((lengths - free[0]) / (free[1] - free[0]), 0, 1)
         pairs = zip(self.front.coils, self.back.coils, strict=True)
-        ends = np.array([coil.stiffness for pair in pairs for coil in pair]).reshape(-1, 2)
-        return lengths - 2 * self.plane.socket, ends[:, 0] + (ends[:, 1] - ends[:, 0]) * share_hot
+        both = replace(self.plane, coils=tuple(coil for pair in pairs for coil in pair))
+        return both.coil_commands(lengths, free)
 
 
 def build_biplane(

@@ -93,10 +93,10 @@ def _add_hub(
     else:
         _add_joints(front, name, pair.front, plane.parameters.drag)
         if pair.joining == "apart":
-            back = add_element(world, "body", name=f"{name}_apart", pos=place)
-            _add_joints(back, f"{name}_apart", pair.back, plane.parameters.drag)
+            back = add_element(world, "body", name=f"{name}_back", pos=place)
+            _add_joints(back, f"{name}_back", pair.back, plane.parameters.drag)
         else:
-            back = add_element(front, "body", name=f"{name}_apart")
+            back = add_element(front, "body", name=f"{name}_back")
             _add_connector(back, equality, model, name, pair)
     for face, body, parts in zip(FACES, (front, back), model.faces, strict=True):
         _add_disc(body, model, hub, face, parts)
@@ -125,7 +125,7 @@ def _add_connector(back: Element, equality: Element, model: Biplane, name: str, 
     """The joints between the discs, held with the stiffness of the connector."""
     stiffness = {"x": model.connector.shear, "z": model.connector.shear, "turn": model.connector.twist}
     for joint, inverse_mass in zip(YIELDING_JOINTS, pair.joint_inverse_masses[6:].tolist(), strict=True):
-        own = f"{name}_apart_{joint}"
+        own = f"{name}_back_{joint}"
         kind = "hinge" if joint == "turn" else "slide"
         add_element(back, "joint", name=own, type=kind, axis=HUB_JOINTS[joint])
         limit = limit_attributes(stiffness[joint], inverse_mass, model.plane.numerics.contact_time)

@@ -63,7 +63,7 @@ def lifted(model: Biplane) -> BiplaneMotion:
     motion = BiplaneMotion(model, FREE)
     joints = [motion.model.joint(i) for i in range(motion.model.njnt)]
     for joint in joints:
-        if joint.name.endswith("_z") and not (joint.name.endswith("apart_z") and motion.model.neq):
+        if joint.name.endswith("_z") and not (joint.name.endswith("back_z") and motion.model.neq):
             motion.data.qpos[joint.qposadr[0]] = 1.0
     return motion
 
@@ -123,7 +123,7 @@ def test_a_connector_twists_and_shears_as_stiffly_as_it_is() -> None:
     motion = lifted(replace(one, discs=[replace(one.discs[0], front=heavy)]))
     motion.data.xfrc_applied[2] = [3.0, 0.0, -2.0, 0.0, 0.004, 0.0]
     rest(motion, 0.3)
-    found = [float(motion.data.joint(f"hub_00_apart_{name}").qpos[0]) for name in ("x", "z", "turn")]
+    found = [float(motion.data.joint(f"hub_00_back_{name}").qpos[0]) for name in ("x", "z", "turn")]
     assert found == pytest.approx([3.0 / 3e4, -2.0 / 3e4, -0.004 / 2.0], rel=1e-3)
 
 
