@@ -323,7 +323,7 @@ def most_promising(
     beating = [i for i in order if walks[i] > elites[i]]
     others = beating[farthest:]
     turns = [others[k] for k in in_turn([sizes[i] for i in others])]
-    rest = [i for i in np.argsort(elites - walks, kind="stable").tolist() if i not in set(beating)]
+    rest = [i for i in np.argsort(elites - walks, kind="stable").tolist() if walks[i] <= elites[i]]
     return [*beating[:farthest], *turns, *rest][:most]
 
 
