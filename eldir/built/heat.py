@@ -380,6 +380,18 @@ def join_hubs(robots: Sequence[IntArray]) -> IntArray:
     return np.concatenate([hubs + first for hubs, first in zip(robots, above, strict=False)])
 
 
+def austenite_after_loop(min_c: float, max_c: float, parameters: SpringParameters) -> float:
+    """Austenite fraction of a cold spring that was heated once to `max_c` and cooled to `min_c` [C].
+
+    The kinetics forget where the temperature reversed, so that a swing that repeats transforms a little more
+    each time; real springs return to the same fraction (return-point memory). This is what the first swing
+    leaves.
+    """
+    kinetics = _Kinetics([parameters])
+    (left_by_heating, hot), (_, cold) = (kinetics.cosines(np.array([t]))[:, 0] for t in (max_c, min_c))
+    return float((1.0 - left_by_heating) * min(1.0, cold / hot)) if hot > 0 else 0.0
+
+
 def heating_time(temperature: float, parameters: SpringParameters, limit: float = 600.0) -> float:
     """Time [s] in which a cold spring that stays on reaches `temperature` [C]; infinite if it does not within
     `limit` [s]. Raises `InputError` for an invalid temperature or time."""

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from eldir.built.heat import austenite_after_loop
 from eldir.core.arguments import require_value
 from eldir.core.records import FloatArray
 from eldir.core.version import __version__
@@ -44,7 +45,7 @@ class HeldTemperatures(NamedTuple):
     max_c: float
     """Highest temperature [C]."""
     stroke: float
-    """Smallest held part of their stroke."""
+    """Part of their stroke that is held at least, whatever repeated swings add to the first one."""
 
 
 def hold_schedule(
@@ -85,10 +86,8 @@ def hold_temperatures(schedule: ActuationSchedule, rig: Rig, springs: SpringPara
     """Temperatures of springs in the periodic state of a schedule."""
     on = scale_by_shares(on_fractions(schedule.pulses(), schedule.period_s), power_shares(rig, springs))
     history = run_until_periodic(on, schedule.period_s / len(on), springs, rig.limits.max_temperature_c)
-    temperature = history.temperature
-    return HeldTemperatures(
-        float(temperature.min()), float(temperature.max()), float(1 - history.martensite.max())
-    )
+    low, high = float(history.temperature.min()), float(history.temperature.max())
+    return HeldTemperatures(low, high, austenite_after_loop(low, high, springs))
 
 
 def describe_hold(schedule: ActuationSchedule, rig: Rig) -> str:
@@ -97,7 +96,7 @@ def describe_hold(schedule: ActuationSchedule, rig: Rig) -> str:
         hold_temperatures(schedule, rig, p) for p in (rig.spring_parameters(), coldest_springs(rig))
     )
     return (
-        f"springs are held at {usual.min_c:.0f} to {usual.max_c:.0f} C and {usual.stroke:.0%} of their "
-        f"stroke; at most {schedule.predicted.peak_c:.0f} C, and at least {coldest.min_c:.0f} C, in the "
+        f"springs are held at {usual.min_c:.0f} to {usual.max_c:.0f} C and at least {usual.stroke:.0%} of "
+        f"their stroke; at most {schedule.predicted.peak_c:.0f} C, and at least {coldest.min_c:.0f} C, in the "
         "corners of the rig file's tolerances"
     )

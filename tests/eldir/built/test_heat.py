@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eldir.built.heat import HeatModel, SpringState, heat, heating_time
+from eldir.built.heat import HeatModel, SpringState, austenite_after_loop, heat, heating_time
 from eldir.errors import InputError
 from eldir.parameters.springs import SpringParameters
 from tests.raised import raises
@@ -227,3 +227,25 @@ def test_bad_input_is_named():
         SpringParameters(austenite_start=61.0)
     with raises(InputError, "input.wrong-shape", "on"):
         heat(np.ones(3), 0.1, P)
+
+
+@pytest.mark.parametrize("max_c", [48.0, 53.0, 57.0, 65.0])
+@pytest.mark.parametrize("min_c", [25.0, 36.0, 44.0])
+def test_one_loop_leaves_what_the_integrated_spring_has(min_c: float, max_c: float) -> None:
+    """Heated without a pause until it is as hot, cooled until it is as cold."""
+    hot = heat(np.ones((round(heating_time(max_c, P) / 0.01), 1)), 0.01, P)
+    cold = heat(np.zeros((6000, 1)), 0.01, P, hot.final)
+    at = int(np.flatnonzero(cold.temperature[:, 0] <= min_c)[0])
+    assert hot.temperature.max() == pytest.approx(max_c, abs=0.1)
+    left = austenite_after_loop(min_c, max_c, P)
+    assert left == pytest.approx(1 - cold.martensite[at, 0], abs=0.01)
+
+
+def test_swings_that_repeat_never_leave_less_than_the_first() -> None:
+    """The kinetics add to it in each swing; a real spring would not."""
+    power = 0.37  # of the full power, in pulses of 0.37 s
+    late = heat(np.tile((np.arange(100) < 100 * power)[:, None], (400, 1)).astype(float), 0.01, P)
+    low, high = late.temperature[-100:].min(), late.temperature[-100:].max()
+    first = austenite_after_loop(float(low), float(high), P)
+    assert P.austenite_start < low < high < P.austenite_finish
+    assert first < 0.8 and 1 - late.martensite[-100:].max() > 0.99
