@@ -89,8 +89,8 @@ def find_gait(
     scene: PrintedScene | None = None,
     stage: Stage = silent,
 ) -> GaitSearchResult:
-    """Search a gait or take the one that evolved with the design, imitate the closed loop, predict both
-    walks, and choose.
+    """Search a gait or take the one that evolved with the design, predict its walk, and choose. With `imitate`
+    the closed loop is imitated too, and its gait chosen.
 
     With a `scene` from films, gaits are searched and predicted for robots sampled from it. A filmed gait that
     walked is kept, unless another one is better by more than the required margin (`eldir.built.gait_choice`).
@@ -105,7 +105,7 @@ def find_gait(
     else:
         robots = IdentifiedRobots.of(design, scene, [f.gait for f in filmed])
         searched = search_robust_gait(robots, limits, filmed, seed, stage)
-    gaits = {"search": searched, "imitate": imitate_gait(design)}
+    gaits = {"search": searched} | ({"imitate": imitate_gait(design)} if imitate else {})
     found = sample_walks_in_turn(
         robots, list(gaits.values()), samples, seed, stage, _PREDICTING.format(samples)
     )
@@ -128,7 +128,7 @@ def _find_evolved_gait(
     robots = nominal_robots(design, limits)
     stage("fitting the evolved gait to the rig")
     kept, reason = fit_evolved_gait(robots, own, limits, seed)
-    gaits = {EVOLVED: kept, "imitate": imitate_gait(design)}
+    gaits = {EVOLVED: kept} | ({"imitate": imitate_gait(design)} if imitate else {})
     found = sample_walks_in_turn(
         robots, list(gaits.values()), samples, seed, stage, _PREDICTING.format(samples)
     )

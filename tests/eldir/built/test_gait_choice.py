@@ -94,7 +94,6 @@ def test_a_plan_keeps_the_filmed_gait_and_says_so(
     monkeypatch.setattr(
         gait_search, "_retime", lambda *_: [replace(WALKED, period=25.0, duty=0.8 * WALKED.duty)]
     )
-    monkeypatch.setattr(gait_search, "imitate_gait", lambda _: WALKED)
     monkeypatch.setattr(planning, "predict_cycle", lambda *_: None)
     monkeypatch.setattr(planning, "heat_margins", lambda *_: None)
     monkeypatch.setattr(samples, "_HALVINGS", 1)
