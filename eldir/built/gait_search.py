@@ -89,8 +89,8 @@ def find_gait(
     scene: PrintedScene | None = None,
     stage: Stage = silent,
 ) -> GaitSearchResult:
-    """Search a gait or take the one that evolved with the design, predict its walk, and choose. With `imitate`
-    the closed loop is imitated too, and its gait chosen.
+    """Search a gait or take the one that evolved with the design, predict its walk, and choose. With
+    `imitate` the closed loop is imitated too, and its gait chosen.
 
     With a `scene` from films, gaits are searched and predicted for robots sampled from it. A filmed gait that
     walked is kept, unless another one is better by more than the required margin (`eldir.built.gait_choice`).

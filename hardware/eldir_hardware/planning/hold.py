@@ -97,6 +97,6 @@ def describe_hold(schedule: ActuationSchedule, rig: Rig) -> str:
     )
     return (
         f"springs are held at {usual.min_c:.0f} to {usual.max_c:.0f} C and at least {usual.stroke:.0%} of "
-        f"their stroke; at most {schedule.predicted.peak_c:.0f} C, and at least {coldest.min_c:.0f} C, in the "
-        "corners of the rig file's tolerances"
+        f"their stroke; at most {schedule.predicted.peak_c:.0f} C, and at least {coldest.min_c:.0f} C, in "
+        "the corners of the rig file's tolerances"
     )
