@@ -50,7 +50,16 @@ def _run_off(rig_file: Path | None, port: str | None, board: str | None) -> int:
         report(hazard)  # first: stdout may be closed or full
     for remark in remarks:
         print(f"note: {remark}")
-    if not outcomes:
+    is_virtual = rig_file is not None and port is None and read_board_hints(rig_file).is_portless
+    ended = _end_virtual_runs(rig_file) if is_virtual and rig_file is not None else []
+    if is_virtual and not outcomes and not ended:
+        raise InputError(
+            f"no program drives the virtual rig {rig_file} now: there is nothing to switch off",
+            code="rig.virtual",
+        )
+    for sentence in ended:
+        print(sentence)
+    if not outcomes and not ended:
         raise InputError(
             "no port is known that this computer drives",
             remedy=f"name it: eldir rig off --port PORT; if springs are hot, {_CUT_SUPPLY}",
@@ -59,10 +68,19 @@ def _run_off(rig_file: Path | None, port: str | None, board: str | None) -> int:
         print(f"{outcome.port}: {outcome.report}")
     if failed:
         raise hazard
+    if is_virtual:  # its emulated board ends with its program
+        return 0
     if rig_file is not None and read_board_hints(rig_file).sensor:
         _print_current(rig_file, targets)
     print(f"to allow heating again: eldir rig reset --rig {rig_file or 'RIG'}")
     return 0
+
+
+def _end_virtual_runs(rig_file: Path) -> list[str]:
+    """End the runs of a virtual rig that have no port, as they are in virtual time; a sentence about each."""
+    from eldir_hardware.run.virtual_runs import end_virtual_run, virtual_runs_of
+
+    return [end_virtual_run(run) for run in virtual_runs_of(rig_file)]
 
 
 def _print_current(rig_file: Path, targets: list[OffTarget]) -> None:

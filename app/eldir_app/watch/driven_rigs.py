@@ -10,23 +10,19 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from eldir.core.yaml_files import parse_yaml
-from eldir.errors import EldirError
-from eldir_hardware.log.following import LogFollower
 from eldir_hardware.rig._board_hints import read_board_hints
 from eldir_hardware.rig.port_holder import list_guarded_ports
 from eldir_hardware.run.remote_control import accepts_commands
+from eldir_hardware.run.virtual_runs import VirtualRun, logs_written_by, parent_of, rig_name_in
 from eldir_hardware.safety.latch import GUARDIAN_DIED, find_record, read_records, read_stop
 from eldir_hardware.safety.state_folder import StateError
 
 _PROC = Path("/proc")
-_WRITE_FLAGS = os.O_WRONLY | os.O_RDWR
-_MAX_MESSAGES_BEFORE_RIG = 200  # a log has its rig file before this message
 
 
 class DrivenPort(NamedTuple):
@@ -51,7 +47,7 @@ def driven_ports() -> list[DrivenPort]:
     for guarded in list_guarded_ports():
         player = parent_of(guarded.process)
         if player is not None:
-            logs = tuple(_logs_of(player)) or tuple(_logs_of_recorder(guarded.port))
+            logs = tuple(logs_written_by(player)) or tuple(_logs_of_recorder(guarded.port))
             orders = accepts_commands(player)
             ports.append(DrivenPort(guarded.port, guarded.process, player, logs, orders, guarded.given_name))
     return ports
@@ -61,7 +57,7 @@ def ports_of_rig(rig_file: Path) -> list[DrivenPort]:
     """The driven ports of a rig: by its port, or by its name in the records of the boards."""
     hints = read_board_hints(rig_file)
     ports = {path for p in hints.ports for path in (os.path.abspath(p), os.path.realpath(p))}
-    if hints.virtual and not ports:  # its port is another one in each run
+    if hints.is_portless:  # its port is another one in each run
         ports = {port for port, rig in _rig_names().items() if rig == hints.name}
     return [d for d in driven_ports() if d.port in ports or d.given_name in ports]
 
@@ -79,13 +75,6 @@ def _is_suspended(process: int) -> bool:
     return False
 
 
-def parent_of(process: int) -> int | None:
-    """The process that started another one."""
-    with suppress(OSError, IndexError, ValueError):
-        return int(_stat_fields(process)[1])
-    return None
-
-
 def _rig_names() -> dict[str, str | None]:
     """Name of the rig at each port that is or was driven, from the records of the boards."""
     with suppress(StateError):
@@ -101,18 +90,8 @@ def _logs_of_recorder(port: str) -> Iterator[Path]:
         record = find_record(port)
         rig = None if record is None else record.rig
     if rig is not None:
-        logs = {log for p in _PROC.iterdir() if p.name.isdigit() for log in _logs_of(int(p.name))}
-        yield from sorted(log for log in logs if _rig_name_in(log) == rig)
-
-
-def _rig_name_in(path: Path) -> str | None:
-    """Name of the rig in the attached rig file of a log; None while there is none yet."""
-    with suppress(EldirError, OSError, KeyError, TypeError), LogFollower(path) as log:
-        for number, _ in enumerate(log.poll()):
-            if "rig.yaml" in log.attachments or number > _MAX_MESSAGES_BEFORE_RIG:
-                break
-        return str(parse_yaml(log.attachments["rig.yaml"], str(path))["name"])
-    return None
+        logs = {log for p in _PROC.iterdir() if p.name.isdigit() for log in logs_written_by(int(p.name))}
+        yield from sorted(log for log in logs if rig_name_in(log) == rig)
 
 
 def _stat_fields(process: int) -> list[str]:
@@ -120,49 +99,35 @@ def _stat_fields(process: int) -> list[str]:
     return (_PROC / str(process) / "stat").read_text().rpartition(")")[2].split()
 
 
-def _logs_of(process: int) -> Iterator[Path]:
-    folder = _PROC / str(process) / "fd"
-    with suppress(OSError):
-        for link in folder.iterdir():
-            with suppress(OSError, ValueError, IndexError):
-                path = Path(os.readlink(link))
-                if path.suffix == ".mcap" and _is_written(process, link.name):
-                    yield path
-
-
-def _is_written(process: int, handle: str) -> bool:
-    text = (_PROC / str(process) / "fdinfo" / handle).read_text()
-    flags = text.partition("flags:")[2].split()[0]
-    return bool(int(flags, 8) & _WRITE_FLAGS)
-
-
-def rig_state(driven: Sequence[DrivenPort], ports: Sequence[str], folder: Path | None) -> dict[str, Any]:
+def rig_state(
+    driven: Sequence[DrivenPort], virtual: Sequence[VirtualRun], ports: Sequence[str], folder: Path | None
+) -> dict[str, Any]:
     """Guardian, player, latch and disk, as the page shows them.
 
-    `ports`: further ports whose latch is shown. `folder`: where the log is.
+    `virtual`: runs in virtual time. `ports`: further ports whose latch is shown. `folder`: where the log is.
     """
     return {
-        "guardian": _guardian_state(driven),
-        "player": _player_state(driven),
+        "guardian": _guardian_state(driven, virtual),
+        "player": _player_state({d.player for d in driven} | {run.player for run in virtual}),
         "latch": _latch_state([*ports, *(d.port for d in driven)], bool(driven)),
         "free_mb": _free_space_mb(folder),
     }
 
 
-def _guardian_state(driven: Sequence[DrivenPort]) -> list[Any]:
+def _guardian_state(driven: Sequence[DrivenPort], virtual: Sequence[VirtualRun]) -> list[Any]:
     """Whether all is well (None: no guardian), and a text."""
     if not driven:
-        return [None, "no port is driven"]
+        return [None, "virtual time: nothing is heated" if virtual else "no port is driven"]
     hung = [d.port for d in driven if _is_suspended(d.guardian)]
     if hung:
         return [False, f"suspended at {', '.join(hung)}"]
     return [True, f"holds {', '.join(d.port for d in driven)}"]
 
 
-def _player_state(driven: Sequence[DrivenPort]) -> list[Any]:
-    if not driven:
+def _player_state(players: Collection[int]) -> list[Any]:
+    if not players:
         return [None, "not running"]
-    if any(_is_suspended(d.player) for d in driven):
+    if any(_is_suspended(player) for player in players):
         return [False, "suspended"]
     return [True, "running"]
 

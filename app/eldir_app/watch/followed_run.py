@@ -23,6 +23,7 @@ from eldir_app.watch.driven_rigs import (
 from eldir_app.watch.run_view import RunView
 from eldir_hardware.log.following import LogFollower, LogMessage
 from eldir_hardware.rig._board_hints import read_board_hints
+from eldir_hardware.run.virtual_runs import VirtualRun, list_virtual_runs, virtual_runs_of
 
 _logger = logging.getLogger(__name__)
 
@@ -53,6 +54,7 @@ class FollowedRun:
         self.is_replay = False
         """Whether the log was finished when it was opened: no rig is driven for it."""
         self._driven: list[DrivenPort] = []
+        self._virtual: list[VirtualRun] = []
         self._log: LogFollower | None = None
         self._messages: Iterator[LogMessage] = iter(())
         self.problem: str | None = None
@@ -69,14 +71,19 @@ class FollowedRun:
         if self._rig_file is not None and read_board_hints(self._rig_file).ports:
             return [["--rig", str(self._rig_file.resolve())]]
         if self._rig_file is None and self._given_log is None:
-            return [[]]
+            is_virtual_only = self._virtual and not await asyncio.to_thread(self._find_driven)
+            return [] if is_virtual_only else [[]]
         driven = self._driven or await asyncio.to_thread(self._find_driven)
         return [["--port", port] for port in dict.fromkeys(d.given_name or d.port for d in driven)]
+
+    async def virtual_runs(self) -> list[VirtualRun]:
+        """The runs in virtual time that a stop ends: they have no port."""
+        return await asyncio.to_thread(self._find_virtual)
 
     @property
     def is_driven(self) -> bool:
         """Whether the rig of this page is being driven."""
-        return bool(self._driven)
+        return bool(self._driven or self._virtual)
 
     @property
     def players(self) -> set[int]:
@@ -84,7 +91,8 @@ class FollowedRun:
         if self.is_replay or self._log is None:
             return set()
         log = self._log.path.resolve()
-        return {d.player for d in self._driven if log in d.logs and d.accepts_commands}
+        players = {d.player for d in self._driven if log in d.logs and d.accepts_commands}
+        return players | {run.player for run in self._virtual if run.log == log}
 
     async def run(self) -> None:
         """Read until cancelled."""
@@ -133,9 +141,10 @@ class FollowedRun:
     async def _watch_processes(self) -> None:
         while True:
             self._driven = await asyncio.to_thread(self._find_driven)
+            self._virtual = await asyncio.to_thread(self._find_virtual)
             ports = list(read_board_hints(self._rig_file).ports) if self._rig_file is not None else []
             folder = None if self._log is None else self._log.path.resolve().parent
-            state = await asyncio.to_thread(rig_state, self._driven, ports, folder)
+            state = await asyncio.to_thread(rig_state, self._driven, self._virtual, ports, folder)
             if state != self.rig_state:
                 self.rig_state = state
                 self._notify_pages()
@@ -149,11 +158,17 @@ class FollowedRun:
             return [] if self.is_replay else ports_of_log(self._given_log)
         return driven_ports() if self._rig_file is None else ports_of_rig(self._rig_file)
 
+    def _find_virtual(self) -> list[VirtualRun]:
+        if self._given_log is not None:
+            log = self._given_log.resolve()
+            return [] if self.is_replay else [run for run in list_virtual_runs() if run.log == log]
+        return list_virtual_runs() if self._rig_file is None else virtual_runs_of(self._rig_file)
+
     def _follow_newest_log(self) -> None:
         """A new run replaces one that has ended."""
         if self._given_log is not None:
             return
-        logs = [log for d in self._driven for log in d.logs]
+        logs = [log for d in self._driven for log in d.logs] or [run.log for run in self._virtual]
         if logs and (self._log is None or self._log.path.resolve() not in logs):
             with suppress(InputError, OSError):  # it has ended in the meantime
                 self._open(max(logs, key=lambda log: log.stat().st_mtime))

@@ -74,7 +74,7 @@ def serve_page(config: WatchConfig, say: Callable[[str], None]) -> None:
         is_local = ipaddress.ip_address(host).is_loopback
         token = load_token() if start is not None or not is_local else None
         access = Access(token, frozenset(config.host_names), config.stop_without_token, is_local)
-        stop = EmergencyStop(run.stop_arguments, loaded_stop)
+        stop = EmergencyStop(run.stop_arguments, run.virtual_runs, loaded_stop)
         serve(run, access, stop, start, listening, lambda: _print_address(host, port, token, say))
 
 

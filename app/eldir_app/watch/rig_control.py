@@ -20,8 +20,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 from eldir.core.program_log import VARIABLE
-from eldir.errors import InputError
+from eldir.errors import EldirError, InputError
 from eldir_hardware.rig._board_hints import read_board_hints
+from eldir_hardware.run.virtual_runs import VirtualRun, end_virtual_run
 from eldir_hardware.safety.latch import latched_error, read_stop
 from eldir_hardware.schedule import ActuationSchedule
 
@@ -44,7 +45,8 @@ class StopResult(NamedTuple):
     """Result of `eldir rig off`."""
 
     proven: bool
-    """Whether every board reports all contacts open, and the stop is latched."""
+    """Whether every board reports all contacts open and the stop is latched, and every run in virtual time
+    has ended."""
     text: str
     seconds: float
 
@@ -58,10 +60,15 @@ def load() -> subprocess.Popen[bytes]:
 class EmergencyStop:
     """Runs `eldir rig off`; all requests while it runs get the same result."""
 
-    def __init__(self, arguments: Callable[[], Awaitable[list[list[str]]]], loaded: subprocess.Popen[bytes]):
-        """`arguments`: gives those of each `eldir rig off` to run, at the moment of the stop. `loaded`: the
-        process from `load`."""
-        self._arguments = arguments
+    def __init__(
+        self,
+        arguments: Callable[[], Awaitable[list[list[str]]]],
+        virtual_runs: Callable[[], Awaitable[list[VirtualRun]]],
+        loaded: subprocess.Popen[bytes],
+    ):
+        """`arguments`: gives those of each `eldir rig off` to run, at the moment of the stop. `virtual_runs`:
+        gives the runs in virtual time to end then, which have no port. `loaded`: the process from `load`."""
+        self._arguments, self._virtual_runs = arguments, virtual_runs
         self._loaded: subprocess.Popen[bytes] | None = loaded
         self._running: asyncio.Task[StopResult] | None = None
         self._threads = ThreadPoolExecutor(_MAX_PARALLEL_STOPS, "stop")
@@ -75,19 +82,32 @@ class EmergencyStop:
     async def _stop(self) -> StopResult:
         start = time.monotonic()
         commands = await self._arguments()
-        if not commands:
+        outcomes = [] if not commands else await self._run_commands(commands)
+        for run in await self._virtual_runs():  # after the boards: they heat nothing
+            outcomes.append(await asyncio.to_thread(_end_run, run))
+        if not outcomes:
             return StopResult(False, "nothing on this page is being driven: nothing was switched off", 0.0)
+        text = "\n".join(output for _, output in outcomes)
+        return StopResult(all(proven for proven, _ in outcomes), text, round(time.monotonic() - start, 2))
+
+    async def _run_commands(self, commands: list[list[str]]) -> list[tuple[bool, str]]:
         loaded, self._loaded = self._loaded, None
         run = asyncio.get_running_loop().run_in_executor
         processes = [loaded, *([None] * len(commands[1:]))]
         try:
-            results = await asyncio.gather(
+            return await asyncio.gather(
                 *(run(self._threads, _run_off, *job) for job in zip(processes, commands, strict=True))
             )
         finally:
             self._loaded = load()
-        text = "\n".join(output for _, output in results)
-        return StopResult(all(proven for proven, _ in results), text, round(time.monotonic() - start, 2))
+
+
+def _end_run(run: VirtualRun) -> tuple[bool, str]:
+    """Whether a run in virtual time has ended, and a sentence."""
+    try:
+        return True, end_virtual_run(run)
+    except EldirError as error:
+        return False, str(error)
 
 
 def _run_off(loaded: subprocess.Popen[bytes] | None, arguments: list[str]) -> tuple[bool, str]:

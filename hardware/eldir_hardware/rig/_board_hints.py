@@ -31,6 +31,11 @@ class BoardHints:
     problem: str | None = None
     """Why the file cannot be read."""
 
+    @property
+    def is_portless(self) -> bool:
+        """Whether it is a virtual rig, whose port is another one in each run."""
+        return self.virtual and not self.ports
+
 
 def read_board_hints(path: Path) -> BoardHints:
     """Read the entries line by line; missing ones are left out. Raises nothing."""

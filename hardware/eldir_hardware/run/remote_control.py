@@ -63,6 +63,25 @@ def accepts_commands(process: int) -> bool:
     return False
 
 
+def list_players() -> list[int]:
+    """Process numbers of the programs of this user that play a schedule and obey commands."""
+    found = []
+    with suppress(OSError):
+        for line in Path("/proc/net/unix").read_text().splitlines():
+            name, inode = line.split()[-1], line.split()[-2]
+            process = name.removeprefix(_socket_name("").replace("\0", "@"))
+            if process != name and process.isdigit() and _holds_socket(int(process), inode):
+                found.append(int(process))
+    return found
+
+
+def _holds_socket(process: int, inode: str) -> bool:
+    """Whether a process has this socket; the name alone could be any program's."""
+    with suppress(OSError):
+        return any(os.readlink(link) == f"socket:[{inode}]" for link in Path(f"/proc/{process}/fd").iterdir())
+    return False
+
+
 def send_command(process: int, command: str) -> bool:
     """Send a command to the program that drives, and return whether it obeyed within two seconds."""
     with suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as connection:
@@ -99,7 +118,7 @@ def _serve(listener: socket.socket, player: Player, until: int, end: threading.E
         end.wait(_MIN_COMMAND_INTERVAL)
 
 
-def _socket_name(process: int) -> str:
+def _socket_name(process: int | str) -> str:
     return f"\0eldir-drive-{process}"
 
 

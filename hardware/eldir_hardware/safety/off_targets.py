@@ -64,19 +64,19 @@ def find_off_targets(
 ) -> tuple[list[OffTarget], list[str]]:
     """The boards to switch off, and remarks for the user.
 
-    `board` is a kind. Raises `InputError` for a virtual rig, and for a `board` that is not installed.
+    `board` is a kind. A virtual rig has no port in its file: its targets are the ports through which it is
+    driven now. Raises `InputError` for a `board` that is not installed.
     """
     if board is not None:
         get_board(board)
     hints = BoardHints() if rig_file is None else read_board_hints(rig_file)
     names, problems = _named_ports(port, hints)
-    if hints.virtual and not hints.ports and port is None:
-        raise InputError(
-            f"{rig_file} is a virtual rig: it has no port and heats nothing",
-            code="rig.virtual",
-            expected="kind: real",
-        )
     search = _Search([*([hints.problem] if hints.problem else []), *problems], shared)
+    if hints.is_portless and port is None:
+        search.add_driven(hints.name)
+        for target in search.targets.values():
+            search.add_known_kinds(target)
+        return list(search.targets.values()), search.remarks
     search.add_named(names)
     from_file = list(search.targets.values())
     if not names:
@@ -119,6 +119,11 @@ class _Search:
         self.remarks.append("switching off every port that this computer drives")
         for guardian in self._guarded:
             self._add(guardian.given_name, [_held_device(guardian, self._driven)])
+
+    def add_driven(self, rig: str | None) -> None:
+        """The devices that guardians hold now for a rig of this name."""
+        held = {guardian.lock for guardian in self._guarded}
+        self.add_recorded(lambda record: record.rig == rig and get_lock(record.identity) in held)
 
     def add_recorded(self, is_meant: Callable[[BoardRecord], bool]) -> None:
         """The devices of the records that are meant."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+from contextlib import suppress
 from dataclasses import replace
 from importlib.util import find_spec
 from multiprocessing import get_context
@@ -162,11 +163,18 @@ class BodyProcess:
         self._process.start()
         other.close()
         self.remark = ""
-        self.springs, self.positions = self._receive()
+        try:
+            self.springs, self.positions = self._receive()
+        except BaseException:
+            self.close()
+            raise
 
     def move(self, lengths: FloatArray, interval: float) -> None:
         """Move by the active springs' free lengths [m] given every `interval` [s], shape (steps, motors)."""
-        self._connection.send((lengths, interval))
+        try:
+            self._connection.send((lengths, interval))
+        except OSError:
+            raise self._died() from None
         self.positions, self.remark = self._receive()
 
     def close(self) -> None:
@@ -185,10 +193,14 @@ class BodyProcess:
         try:
             reply = self._connection.recv()
         except (EOFError, ConnectionError):
-            raise EldirError("the virtual robot's process died") from None
+            raise self._died() from None
         if isinstance(reply, EldirError):
             raise reply
         return reply
+
+    @staticmethod
+    def _died() -> EldirError:
+        return EldirError("the virtual robot's process died", remedy="drive again")
 
 
 def _serve(
@@ -204,7 +216,8 @@ def _serve(
     from eldir.core import program_log
 
     program_log.configure("virtual robot")
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends this process
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):  # a stop may reach the whole process group
+        signal.signal(number, signal.SIG_IGN)  # the parent ends this process
     try:
         # Another body moves for a moment: the engine compiles now.
         given = physics, morphology, seed, springs, ballast, built, terrain
@@ -215,7 +228,8 @@ def _serve(
         while True:
             body.move(*connection.recv())
             connection.send((body.positions, body.remark))
-    except EOFError:
+    except (EOFError, ConnectionError):  # the parent has ended
         return
     except EldirError as error:
-        connection.send(error)
+        with suppress(ConnectionError):
+            connection.send(error)

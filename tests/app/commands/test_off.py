@@ -209,7 +209,7 @@ def test_help_and_wrong_words_are_those_of_every_command(tmp_path):
 
     (tmp_path / "rig.yaml").write_text(rig_text())
     done, _ = off("--rig", tmp_path / "rig.yaml")
-    assert done.returncode == 1 and "is a virtual rig" in done.stderr
+    assert done.returncode == 1 and "no program drives the virtual rig" in done.stderr
     done, _ = off("--port", "/dev/null", "--board", "toaster")
     assert done.returncode == 1 and "unknown kind of relay board" in done.stderr
 

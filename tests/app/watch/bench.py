@@ -60,10 +60,10 @@ class Heating(NamedTuple):
         return max(edge.t for edge in self.board.contact_events) - begun
 
 
-def save_schedule(rig: Path, path: Path) -> None:
+def save_schedule(rig: Path, path: Path, cycles: int = 5) -> None:
     """A contact is closed for the first eleven seconds of every twenty: one motor after the other."""
     rig_ = Rig.load(rig)
-    plan = compile_schedule(gait(phase=(0.0, 0.27), duty=(0.275, 0.275)), rig_, (0, 1), 5)
+    plan = compile_schedule(gait(phase=(0.0, 0.27), duty=(0.275, 0.275)), rig_, (0, 1), cycles)
     with_digests(replace(plan, settle_s=0.2, conditioning_cycles=0), rig_).save(path)
 
 
@@ -99,12 +99,12 @@ def heating(folder: Path, kind: str = "lcus", **changes: object) -> Iterator[Hea
 
 
 @contextmanager
-def virtual_run(folder: Path) -> Iterator[Forked]:
-    """`eldir rig drive` on a virtual rig in real time, without robot and camera."""
+def virtual_run(folder: Path, clock: str = "wall", cycles: int = 5) -> Iterator[Forked]:
+    """`eldir rig drive` on a virtual rig, without robot and camera."""
     rig = folder / "virtual.yaml"
-    text = rig_text(clock="wall").replace("virtual bench", f"bench of {folder.name}")
+    text = rig_text(clock=clock).replace("virtual bench", f"bench of {folder.name}")
     rig.write_text("\n".join(line for line in text.splitlines() if not line.startswith("camera")))
-    save_schedule(rig, folder / "schedule.json")
+    save_schedule(rig, folder / "schedule.json", cycles)
     words = [str(folder / "schedule.json"), "--rig", str(rig), "--log", str(folder / "virtual.mcap")]
     with Forked(
         [*ELDIR, "rig", "drive", *words], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE

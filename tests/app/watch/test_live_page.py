@@ -7,6 +7,8 @@ import signal
 import numpy as np
 import pytest
 
+from eldir.errors import InputError
+from eldir_app.emergency_stop import run_off
 from eldir_hardware.log.reader import read_log
 from eldir_hardware.log.recorder import Recorder
 from eldir_hardware.safety.latch import read_stop
@@ -92,6 +94,41 @@ def test_the_page_turns_to_the_run_that_begins_and_its_curves_move(page, tmp_pat
         assert not page.errors
     _, _, ended = read_log(tmp_path / "virtual.mcap").statuses[-1]
     assert ended.startswith("stopped by SIGTERM") and "all contacts are open by the board's report" in ended
+
+
+def test_a_run_in_virtual_time_is_shown_and_stopped(page, tmp_path):
+    """As `eldir rig new --board virtual` writes the rig file: the run has neither a port nor a guardian."""
+    virtual = tmp_path / "virtual.yaml"
+    with virtual_run(tmp_path, "virtual", 100_000) as player, watching("--rig", virtual) as (address, _):
+        page.size(1400, 900)
+        page.open(address)
+        page.wait("document.getElementById('mode').innerText == 'Running: virtual.mcap'")
+        page.wait("document.getElementById('rig').innerText.includes('virtual time: nothing is heated')")
+        page.wait("Number(document.getElementById('legend').innerText.match(/ch 1: ([0-9.]+)/)?.[1]) > 26")
+        page.click("#pause")
+        page.wait("document.getElementById('mode').innerText == 'Paused: virtual.mcap'")
+        page.click("#stop")
+        assert player.wait(10.0) == 1
+        page.wait("document.getElementById('outcome').innerText.startsWith('Stopped after')")
+        assert "virtual.mcap: the run was ended" in page.text("outcome")
+        page.wait("document.getElementById('mode').innerText == 'Ended: virtual.mcap'")
+        page.click("#stop")  # nothing plays now
+        page.wait("document.getElementById('outcome').innerText.includes('nothing was switched off')")
+    assert read_log(tmp_path / "virtual.mcap").statuses[-1][2].startswith("stopped by SIGTERM")
+
+
+@pytest.mark.parametrize("clock", ["virtual", "wall"])
+def test_rig_off_ends_the_run_of_a_virtual_rig(clock, tmp_path, capfd):
+    with virtual_run(tmp_path, clock, 100_000 if clock == "virtual" else 5) as player:
+        log = tmp_path / "virtual.mcap"
+        assert wait(lambda: log.exists() and log.stat().st_size > 10_000, 20.0)
+        assert run_off(tmp_path / "virtual.yaml", None, None) == 0
+        assert player.wait(10.0) == 1
+    told = capfd.readouterr().out
+    assert ("virtual.mcap: the run was ended" if clock == "virtual" else "open by the board's report") in told
+    assert "eldir rig reset" not in told, "nothing stays latched"
+    with pytest.raises(InputError, match="no program drives the virtual rig"):
+        run_off(tmp_path / "virtual.yaml", None, None)
 
 
 def test_the_stop_is_in_view_at_every_size_and_place(page, tmp_path):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import sys
 from contextlib import suppress
 from pathlib import Path
@@ -128,3 +130,12 @@ def test_a_worker_process_moves_the_same_robot(folder: Path) -> None:
         here.move(lengths, 0.02)
         there.move(lengths, 0.02)
         np.testing.assert_array_equal(there.positions, here.positions)
+        worker = there._process
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):  # as when a terminal is closed
+            os.kill(worker.pid, number)
+        there.move(lengths, 0.02)
+        worker.kill()
+        worker.join()
+        for _ in range(2):  # told as an error at the answer and at the next order: neither is a traceback
+            with pytest.raises(EldirError, match="process died"):
+                there.move(lengths, 0.02)
