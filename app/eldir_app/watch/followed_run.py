@@ -31,6 +31,8 @@ _LOG_INTERVAL_S = 0.03  # between two reads of the log
 _PROCESS_INTERVAL_S = 0.7  # between two searches for driven ports
 _READ_TIME_S = 0.03  # a long log is read in pieces of this time; stops and pages are served in between
 _MAX_LINE = 1 << 20  # of the tracking process: a ground has up to thousands of corners
+FILES_OF_A_WALK = frozenset({"design.json", "schedule.json", "rig.yaml"})
+"""Attached files from which the walk is predicted."""
 _MAX_RUN_TIME_S = 1e8  # a log that started longer ago than this has virtual time
 
 
@@ -60,7 +62,8 @@ class FollowedRun:
         self.problem: str | None = None
         """Why the rest of the log cannot be read."""
         self._tracking: asyncio.subprocess.Process | None = None
-        self._tracking_readers: set[asyncio.Task[None]] = set()
+        self._predicting: asyncio.subprocess.Process | None = None
+        self._readers: set[asyncio.Task[None]] = set()
         self._changed = asyncio.Event()
         if log is not None:
             self._open(log)
@@ -104,7 +107,7 @@ class FollowedRun:
                 await asyncio.sleep(_LOG_INTERVAL_S)
         finally:
             watching.cancel()
-            self._end_tracking()
+            self._end_processes()
 
     async def wait_for_change(self) -> None:
         """Wait until there is something new to show."""
@@ -149,8 +152,7 @@ class FollowedRun:
                 self.rig_state = state
                 self._notify_pages()
             self._follow_newest_log()
-            if self._tracking is None and self.view is not None and self.view.pictures:
-                await self._start_tracking()
+            await self._start_processes()
             await asyncio.sleep(_PROCESS_INTERVAL_S)
 
     def _find_driven(self) -> list[DrivenPort]:
@@ -177,7 +179,7 @@ class FollowedRun:
         log = LogFollower(path)
         log.open()
         _logger.info("following %s", path)
-        self._end_tracking()
+        self._end_processes()
         if self._log is not None:
             self._log.close()
         self._log, self.view, self._messages, self.problem = log, RunView(log.path), log.poll(), None
@@ -186,41 +188,71 @@ class FollowedRun:
         if not self.is_replay:
             self._on_log(log.path.resolve())
 
-    async def _start_tracking(self) -> None:
-        assert self._log is not None and self.view is not None
-        self._tracking = await asyncio.create_subprocess_exec(
+    async def _start_processes(self) -> None:
+        """Find the markers once there are pictures, and predict the walk once the robot is known."""
+        log, view = self._log, self.view
+        if log is None or view is None:
+            return
+        if self._tracking is None and view.pictures:
+            view.tracked_share = 0.0
+            self._tracking = await self._start("marker_tracking", log.path, self._take_tracks, view)
+        known = log.epoch_ns is not None and log.attachments.keys() >= FILES_OF_A_WALK
+        if self._predicting is None and known:
+            view.prediction = "computing"
+            self._predicting = await self._start("walk_prediction", log.path, self._take_prediction, view)
+
+    async def _start(
+        self, module: str, log: Path, take: Callable[[RunView, Any], None], view: RunView
+    ) -> asyncio.subprocess.Process:
+        """A process that prints JSON lines about a log; `take` gets each of them."""
+        process = await asyncio.create_subprocess_exec(
             sys.executable,
             "-m",
-            "eldir_app.watch.marker_tracking",
-            str(self._log.path.resolve()),
+            f"eldir_app.watch.{module}",
+            str(log.resolve()),
             stdin=asyncio.subprocess.DEVNULL,
             stdout=asyncio.subprocess.PIPE,
             stderr=asyncio.subprocess.DEVNULL,
             limit=_MAX_LINE,
         )
-        reader = asyncio.create_task(self._read_tracks(self._tracking, self.view))
-        self._tracking_readers.add(reader)
-        reader.add_done_callback(self._tracking_readers.discard)
+        reader = asyncio.create_task(self._read_lines(process, take, view))
+        self._readers.add(reader)
+        reader.add_done_callback(self._readers.discard)
+        return process
 
-    async def _read_tracks(self, process: asyncio.subprocess.Process, view: RunView) -> None:
+    async def _read_lines(
+        self, process: asyncio.subprocess.Process, take: Callable[[RunView, Any], None], view: RunView
+    ) -> None:
         assert process.stdout is not None
         while line := await process.stdout.readline():
             with suppress(ValueError):
-                row = json.loads(line)
-                if isinstance(row, list):
-                    view.curves["marks"].add(row)
-                elif isinstance(row, dict):
-                    view.ground = row
-                else:
-                    view.curves["events"].add([view.latest, 0, "marks", row])
+                take(view, json.loads(line))
                 self._notify_pages()
         await process.wait()
+        if process is self._tracking:
+            view.tracked_share = None
+            self._notify_pages()
 
-    def _end_tracking(self) -> None:
-        if self._tracking is not None and self._tracking.returncode is None:
-            with suppress(ProcessLookupError):
-                self._tracking.kill()
-        self._tracking = None
+    @staticmethod
+    def _take_tracks(view: RunView, row: Any) -> None:
+        if isinstance(row, list):
+            view.curves["marks"].add(row)
+            view.tracked_share = round(min(row[0] / view.pictures[-1][0], 1.0), 2) if row[0] > 0 else 0.0
+        elif isinstance(row, dict):
+            view.ground = row
+        else:
+            view.curves["events"].add([view.latest, 0, "marks", row])
+
+    @staticmethod
+    def _take_prediction(view: RunView, found: Any) -> None:
+        view.prediction = found
+
+    def _end_processes(self) -> None:
+        for process in (self._tracking, self._predicting):
+            if process is not None and process.returncode is None:
+                with suppress(ProcessLookupError):
+                    process.kill()
+        self._tracking = self._predicting = None
 
     @property
     def now(self) -> float | None:

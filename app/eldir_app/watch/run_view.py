@@ -63,6 +63,11 @@ class RunView:
         """The newest picture: time [s] and JPEG."""
         self.ground: dict[str, Any] | None = None
         """The line of the printed ground in the pictures: corners [px] and colour."""
+        self.prediction: str | list[list[float]] | None = None
+        """Predicted walk: rows of time [s], mean, lower and upper end of the 95 % interval [body lengths];
+        `computing`, or why there is none; None without a design."""
+        self.tracked_share: float | None = None
+        """Share of the pictures in which markers have been searched; None when all have."""
         self.paused = False
         self._row: dict[str, float] = {}
         self._row_t = 0.0
@@ -179,7 +184,6 @@ def _rig_values(rig: Rig) -> dict[str, Any]:
 
 
 def _schedule_values(schedule: ActuationSchedule) -> dict[str, Any]:
-    walk = schedule.predicted.walk
     return {
         "period_s": schedule.period_s,
         "cycles": schedule.cycles,
@@ -187,5 +191,4 @@ def _schedule_values(schedule: ActuationSchedule) -> dict[str, Any]:
         "settle_s": schedule.settle_s,
         "pulses": [[p.channel, p.start, p.length] for p in schedule.pulses()],
         "peak_c": schedule.predicted.peak_c,
-        "walk": None if walk is None or walk.mean is None else {"mean": walk.mean, "spread": walk.spread},
     }

@@ -169,6 +169,7 @@ class Server:
         if view is not None:
             state |= {"log": view.path.name, "plan": view.plan, "latest": view.latest}
             state |= {"ground": view.ground, "paused": view.paused, "camera_rate": view.camera_rate}
+            state |= {"prediction": view.prediction, "tracked_share": view.tracked_share}
         return state
 
 

@@ -27,7 +27,7 @@ from eldir_calibration.comparison.film import PredictedBody
 from eldir_calibration.comparison.recorded_run import RecordedRun
 from eldir_calibration.report.comparison import Motion
 from eldir_calibration.report.controls import sample_other_robots
-from eldir_calibration.report.verdict import SampledMotions
+from eldir_calibration.report.verdict import SampledMotions, prediction_interval
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.schedule import ActuationSchedule
 from eldir_hardware.vision.printed_ground import CORNER
@@ -37,6 +37,9 @@ _UPRIGHT_STRIDE = 20  # intervals between two checks whether a sample stands
 _BODY_STRIDE = 2  # intervals from one place of the whole body to the next
 SAMPLES = 16
 """Number of sampled robots, the same as in `eldir gait`."""
+MAX_WALK_CYCLES = 20
+"""Cycles over which `predict_walk` simulates a long schedule: about ten seconds of processor time."""
+_WALK_INTERVAL = 0.5  # of the walk over time [s]
 _NULL_CYCLES = 2
 """Other bodies are simulated for two cycles only, which takes half the time."""
 
@@ -109,6 +112,28 @@ def predict_motions(design: Design, schedule: ActuationSchedule, rig: Rig) -> di
     if predicted is None:
         raise divergence_error("the predicted motion")
     return {"simulated": simulate_evolved(run), "predicted": predicted}
+
+
+def predict_walk(run: RecordedRun, samples: int = SAMPLES) -> FloatArray:
+    """The predicted walk over time, from the samples and with the 95 % interval of `predict_runs`.
+
+    Rows of time since the start of the schedule [s], mean, lower and upper end of the interval [body lengths
+    since the first cycle that counts], shape (n, 4): to the end of the schedule or of its first
+    `MAX_WALK_CYCLES`. Raises `EldirError` if fewer than two samples stay upright.
+    """
+    schedule = replace(run.schedule, cycles=min(run.schedule.cycles, MAX_WALK_CYCLES))
+    every, _ = _simulate(_prepare_samples(replace(run, schedule=schedule), None, samples))
+    walks = [motion.advance() for motion in every if motion is not None]
+    if len(walks) < 2:
+        raise EldirError(
+            f"no prediction: {samples - len(walks)} of {samples} sampled robots fall over or fold"
+        )
+    count = round(schedule.cycles * schedule.period_s / _WALK_INTERVAL)
+    cycles = np.linspace(0.0, schedule.cycles, count + 1)
+    moved = np.array([np.interp(cycles, *walk) for walk in walks])
+    found = [prediction_interval(values) for values in moved.T]
+    times = schedule.start_of_cycles + cycles * schedule.period_s
+    return np.array([(t, f.mean, f.low, f.high) for t, f in zip(times, found, strict=True)])
 
 
 def simulate_evolved(run: RecordedRun) -> Motion:

@@ -15,7 +15,7 @@ from mcap.records import Attachment, Channel, Message, Metadata, Schema
 
 from eldir.errors import InputError, damaged, not_read
 from eldir_hardware.log import messages as m
-from eldir_hardware.log._salvage import run_metadata, whole_record
+from eldir_hardware.log._salvage import get_facts, run_metadata, whole_record
 from eldir_hardware.log.mcap_file import MAGIC, find_log
 from eldir_hardware.resource import Resource
 
@@ -52,6 +52,8 @@ class LogFollower(Resource):
         """Attached files, as far as the log was read."""
         self.epoch_ns: int | None = None
         """Time of day at the start [ns since 1970]; None before the run begins."""
+        self.facts: dict[str, str] = {}
+        """What the program wrote about the run, such as the measured air, as far as the log was read."""
         self.is_finished = False
         """Whether the program that wrote the log has finished it."""
         self.damaged = 0
@@ -102,6 +104,7 @@ class LogFollower(Resource):
                 self.attachments[record.name] = record.data
             elif isinstance(record, Metadata):
                 self.epoch_ns, _ = run_metadata(record)
+                self.facts = get_facts(record)
             elif record is not None:
                 self.damaged += 1
             self.is_finished = kind == Opcode.DATA_END

@@ -73,7 +73,27 @@ def test_a_finished_log_is_replayed(page, finished_log):
         page.wait("document.getElementById('picture-note').innerText == 'at 12.0 s'")
         page.wait("document.getElementById('legend').innerText.includes('34.0 °C')")
         assert page.ask(INK) > 500
+        _check_walk_in_words(page)
         assert not page.errors
+
+
+def _check_walk_in_words(page):
+    """What the page says of markers and prediction at an instant of a run that was paused for five seconds."""
+    schedule = {"settle_s": 1, "period_s": 10, "cycles": 2, "conditioning_cycles": 1}
+    rows = [[11, 0, 0, 0], [16, 0.4, 0.1, 0.7], [21, -0.2, -0.5, 0.1], [31, 1, 0.5, 1.5]]
+    run = {"marks": [[20, 0.3]], "begins": [[15, 1, 16]], "prediction": rows, "replay": True}
+
+    def words(now, **changes):
+        values = ", ".join(map(json.dumps, (run | changes, schedule, now)))
+        return page.ask(f"import('/walk.js').then((walk) => walk.describeWalk({values}))")
+
+    end = "in the whole run +1.00 (+0.50 to +1.50): mean, and the interval for 95 % of such robots"
+    assert words(23.5) == f"Walked +0.30 body lengths\nPredicted by now +0.10 (−0.20 to +0.40), {end}"
+    assert words(40) == f"Walked +0.30 body lengths\nPredicted {end}"
+    assert words(23.5, tracked_share=0.4, prediction="computing").startswith("Finding markers, 40 %\n")
+    assert words(19, tracked_share=0.4, marks=[[19, None]]).endswith(f"{end}")
+    assert words(5, marks=[]) == "Predicted from the first cycle that counts on"
+    assert words(5, marks=[], prediction=None) == ""
 
 
 def test_the_page_turns_to_the_run_that_begins_and_its_curves_move(page, tmp_path):

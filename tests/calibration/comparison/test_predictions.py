@@ -21,11 +21,12 @@ from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
 from eldir.trajectory import Trajectory
 from eldir_cad.packet.folder import apply_variant
-from eldir_calibration.comparison.predictions import predict_motions, predict_runs
+from eldir_calibration.comparison.predictions import predict_motions, predict_runs, predict_walk
 from eldir_calibration.comparison.recorded_run import LoggedRun, RecordedRun
 from eldir_calibration.dynamics.recording import Recording
 from eldir_calibration.identification.identification import read_filmed_gait
 from eldir_calibration.report.comparison import Motion
+from eldir_calibration.report.verdict import prediction_interval
 from eldir_hardware.log.reader import RunLog
 from eldir_hardware.planning.compiler import compile_schedule
 from eldir_hardware.rig.configuration import Rig
@@ -130,7 +131,13 @@ def test_samples_are_those_that_a_gait_was_planned_with(driven: RecordedRun) -> 
     springs = tuple(np.flatnonzero(design.morphology.active).tolist())
     gait = Gait(20.0, np.array([0.0, 0.125]), np.full(2, 0.27))
     schedule = compile_schedule(gait, driven.rig, springs, cycles=3)
-    found = predict_runs([RecordedRun(design, schedule, driven.rig)], samples=6).samples
+    run = RecordedRun(design, schedule, driven.rig)
+    found = predict_runs([run], samples=6).samples
+    over_time = predict_walk(run, 6)  # what the live page shows
+    told = prediction_interval(found.walks)
+    np.testing.assert_allclose(over_time[-1, 1:] * 5 / 3, [told.mean, told.low, told.high], atol=0.02)
+    assert over_time[0].tolist() == [schedule.start_of_cycles, 0.0, 0.0, 0.0]
+    assert over_time[-1, 0] == pytest.approx(schedule.duration, abs=0.1)
     robots = NominalRobots(
         design.morphology, RobotParameters(BuiltParameters(), driven.rig.spring_parameters())
     )

@@ -1,7 +1,8 @@
-// The connection to the server, the buttons and all texts. Curves: curves.js. Picture: picture.js. Stop heating: stop.js.
+// The connection to the server, the buttons and all texts. Curves: curves.js. Picture: picture.js. Walk: walk.js. Stop heating: stop.js.
 
 import { at, begins, colour, dashes, draw } from "/curves.js";
 import { drawPicture } from "/picture.js";
+import { describeWalk } from "/walk.js";
 
 const SILENT = 2000; // the server speaks twice a second; longer, and the connection is lost [ms]
 const STALE = 1.5; // older data are an alarm while a run goes on [s]
@@ -154,7 +155,7 @@ function numbers(now, schedule, end) {
   ]);
   orders(driven);
   starting(driven);
-  walked(schedule, now);
+  $("walk").textContent = describeWalk(run, schedule, now);
   alarm(lost && run.replay ? "Connection lost, reconnecting …"
     : lost ? "Connection lost, reconnecting … Stop heating may still work. If it gives no answer, run eldir rig off or cut the heating supply."
     : run.trouble ? run.trouble
@@ -235,20 +236,6 @@ function hottest(now) {
   const last = at(run.temperatures, now + 0.001);
   for (let k = 0; k < last; k += 1) for (let i = 1; i < run.temperatures[k].length; i += 1) most = Math.max(most, run.temperatures[k][i]);
   return Number.isFinite(most) ? most : NaN;
-}
-
-function walked(schedule, now) {
-  const row = run.marks[Math.min(at(run.marks, now + 0.001), run.marks.length) - 1];
-  const so = row && row[1] !== null ? `Walked ${row[1].toFixed(2)} body lengths` : "";
-  let told = "";
-  if (schedule && schedule.walk) {
-    const all = begins(schedule, run.begins).slice(schedule.conditioning_cycles);
-    const place = all.filter((b) => b <= now).length;
-    const part = place ? place - 1 + Math.min((now - all[place - 1]) / schedule.period_s, 1) : 0;
-    const { mean, spread } = schedule.walk;
-    told = `Predicted by now ${((mean / 5) * part).toFixed(2)} ± ${((spread / 5) * part).toFixed(2)}, in the whole run ${((mean / 5) * schedule.cycles).toFixed(2)}`;
-  }
-  $("walk").textContent = [so, told].filter(Boolean).join("\n");
 }
 
 function clock(seconds) {
