@@ -40,7 +40,9 @@ class LogFacts:
     rig: str = ""
     """Name of the rig."""
     physics: str = ""
-    """What moved a virtual robot; `real` on a real rig."""
+    """What moved a virtual robot; `real` on a real rig, `emulated board` in a rehearsal on one."""
+    rehearsal: bool = False
+    """Whether it is a dry run on an emulated board: no real contact was switched."""
     design: str = ""
     """SHA-256 of the design file, hexadecimal."""
     robot: str = ""
@@ -85,6 +87,7 @@ def read_facts(log: Path) -> LogFacts:
     # A listing that finds everything in the index needs none of these.
     from eldir_hardware.log import messages as m
     from eldir_hardware.log.mcap_file import fingerprint, iter_messages, read_contents
+    from eldir_hardware.log.reader import is_dry_run
 
     try:
         content = read_contents(log)
@@ -106,6 +109,7 @@ def read_facts(log: Path) -> LogFacts:
         recorded=date.replace("+00:00", "Z"),
         seconds=round(max(0.0, content.end_ns * 1e-9 - epoch), 3),
         frames=content.topics.get(m.IMAGE, 0),
+        rehearsal=is_dry_run(content.metadata, content.epoch_ns, content.attachments.get("rig.yaml", b"")),
         design=content.metadata.get("design_sha256", ""),
         ended=next((s.message for s in reversed(statuses) if s.name == "player"), ""),
         faults=tuple(f"{s.name}: {s.message}" for s in statuses if s.level),
@@ -143,7 +147,8 @@ def _with_attached_files(
         facts = replace(facts, period_s=schedule.period_s, cycles=schedule.cycles, predicted=predicted)
     if rig is not None:
         physics = (s.message.removeprefix("moved by ") for s in statuses if s.name == "virtual rig")
-        kind = "real" if rig.kind == "real" else next(physics, "virtual")
+        real = "emulated board" if facts.rehearsal else "real"
+        kind = real if rig.kind == "real" else next(physics, "virtual")
         facts = replace(facts, rig=rig.name, physics=kind)
     return replace(facts, damage="; ".join(damage))
 

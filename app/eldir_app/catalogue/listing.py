@@ -47,6 +47,7 @@ def ending(run: CataloguedRun) -> str:
     last = "to the end" if run.ended == _COMPLETE else run.ended or "unknown"
     # The last status of the player is often the fault itself.
     others = [fault for fault in run.faults if not fault.endswith(run.ended) or not run.ended]
+    last = f"rehearsal: {last}" if run.rehearsal else last
     parts = (last, *others, "recovered" * bool(run.recovered), run.damage and f"damaged: {run.damage}")
     return "; ".join(part for part in parts if part)
 
@@ -88,7 +89,7 @@ def selected(
 
 
 def _searchable_text(run: CataloguedRun) -> str:
-    own = (str(run.log), run.rig, run.physics, run.design, run.robot, run.ended, run.recovered, run.damage)
+    own = (str(run.log), run.rig, run.physics, run.design, run.robot, ending(run), run.recovered, run.damage)
     tags = (f"#{tag}" for tag in run.tags)
     notes = (note.text for note in run.notes)
     return "\n".join((*own, *run.faults, run.verdict, "damaged" * bool(run.damage), *tags, *notes)).lower()

@@ -39,7 +39,7 @@ _REPORT_DEPTH = 2  # levels below a single log's folder where its report is sear
 
 Progress = Callable[[int, int], None]
 """Called with the number of files read so far, and of all files to read."""
-_VERSION = 2
+_VERSION = 3
 """Of the cached values; an index of another version is rebuilt."""
 _TABLE = "CREATE TABLE IF NOT EXISTS files (path BLOB PRIMARY KEY, size INT, mtime_ns INT, facts TEXT)"
 

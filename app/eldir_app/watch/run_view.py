@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 from eldir.errors import InputError
 from eldir_hardware.log import messages as m
 from eldir_hardware.log.following import LogFollower, LogMessage, MessagePlace
-from eldir_hardware.log.reader import read_attachment
+from eldir_hardware.log.reader import is_dry_run, read_attachment
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.schedule import ActuationSchedule
 
@@ -92,6 +92,7 @@ class RunView:
         if rig is not None:
             self._springs = [f"spring{c.spring}_{c.face}" for c in rig.channels]
         self.plan = {
+            "rehearsal": is_dry_run(log.facts, log.epoch_ns, files.get("rig.yaml", b"")),
             "rig": None if rig is None else _rig_values(rig),
             "schedule": None if schedule is None else _schedule_values(schedule),
         }

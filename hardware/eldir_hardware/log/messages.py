@@ -29,6 +29,8 @@ HEAT_MODEL = "heat model"
 """Name of the status that says what the modelled temperatures follow."""
 ROOM = "room_c"
 """Entry of the metadata: temperature of the air that was measured before the run [C]."""
+DRY_RUN = "dry_run"
+"""Entry of the metadata of a rehearsal, and name of the status that says so."""
 
 VIRTUAL_EPOCH = 100_000_000_000
 """Start of a virtual run [ns]: a little after 1970, so that events before it have a valid time."""

@@ -6,6 +6,7 @@ import math
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
@@ -56,6 +57,8 @@ class RunLog:
     """Time of day at the start [ns since 1970]."""
     recovered: str | None
     """What `eldir recover` reported as missing; None for a log that was never damaged."""
+    is_dry_run: bool = False
+    """Whether it is a rehearsal on an emulated board (`is_dry_run`)."""
     room_c: float | None = None
     """Temperature of the air around the springs, measured before the run [C]; None if it was not."""
     current_times: FloatArray = field(default_factory=lambda: np.zeros(0))
@@ -119,11 +122,22 @@ def read_log(path: Path | str) -> RunLog:
         frame_count=topics.get(m.IMAGE, 0),
         epoch_ns=epoch,
         recovered=contents.metadata.get("recovered"),
+        is_dry_run=is_dry_run(contents.metadata, epoch, contents.attachments.get("rig.yaml", b"")),
         room_c=_room(path, contents.metadata.get(m.ROOM)),
         current_times=_times(currents, epoch),
         currents=_values(currents, springs),
         voltages=_values(rows.get(m.VOLTAGES, []), springs),
     )
+
+
+def is_dry_run(metadata: Mapping[str, str], epoch_ns: int | None, rig: bytes) -> bool:
+    """Whether a log is that of a rehearsal on an emulated board: by its metadata, or, as older logs do not
+    say it there, by the rig file of a real board in virtual time."""
+    if m.DRY_RUN in metadata:
+        return True
+    with suppress(EldirError, LookupError, TypeError):
+        return epoch_ns == m.VIRTUAL_EPOCH and parse_yaml(rig, "rig.yaml")["kind"] == "real"
+    return False
 
 
 def _room(path: Path, text: str | None) -> float | None:

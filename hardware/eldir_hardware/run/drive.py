@@ -25,7 +25,7 @@ from eldir_hardware.guardian.client import Guardian
 from eldir_hardware.guardian.measured_power import describe_correction
 from eldir_hardware.guardian.pulse_controller import PulseController
 from eldir_hardware.log.background import BackgroundRecorder
-from eldir_hardware.log.messages import HEAT_MODEL, ROOM
+from eldir_hardware.log.messages import DRY_RUN, HEAT_MODEL, ROOM
 from eldir_hardware.log.recorder import Recorder
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.sections import LiveCameraEntry, VirtualCameraEntry
@@ -55,6 +55,8 @@ class DriveConfig:
     """Design of the robot, instead of the one that the rig file names; required with a virtual camera."""
     accept_mismatch: str = ""
     """Reason to play a schedule of another design or for other rig values; it is written into the log."""
+    dry_run: bool = False
+    """Whether to rehearse: on an emulated board in virtual time. The log says so."""
     room_c: float | None = None
     """Temperature of the air around the springs, measured before the run [C]; it is written into the log.
     None: the rig's thermometer measures it, if there is one."""
@@ -111,6 +113,8 @@ def drive_rig(
             expected="a design file",
             remedy="give --design, or name it in the rig file under virtual.design",
         )
+    if config.dry_run:
+        rig = to_dry_run(rig)
     limits.check_schedule(schedule, rig)
     room = measure_room(rig, config.room_c)
     config.on_room(room)
@@ -118,6 +122,8 @@ def drive_rig(
     if design is not None:
         facts["design_sha256"] = design_digest(design)
     accepted = require_compatible(schedule, rig, design, config.accept_mismatch)
+    if config.dry_run:
+        facts[DRY_RUN] = "yes"
     if accepted is not None:
         facts["accepted"] = accepted
     if room.room_c is not None:
@@ -211,8 +217,10 @@ def _filming(opened: OpenedRig, log: _Writer, latest: _LatestTime) -> Iterator[C
 
 def _log_facts(log: _Writer, facts: dict[str, str], wiring: str, room: MeasuredRoom, correction: str) -> None:
     """Record the digests of the run's files, an accepted mismatch, and another wiring than the packet's."""
-    digests = "; ".join(f"{name} {facts[name]}" for name in facts if name not in ("accepted", ROOM))
+    digests = "; ".join(f"{name} {facts[name]}" for name in facts if name not in ("accepted", ROOM, DRY_RUN))
     log.on_status(0.0, "files", digests, facts)
+    if DRY_RUN in facts:
+        log.on_status(0.0, DRY_RUN, "a rehearsal on an emulated board in virtual time: nothing is heated")
     if "accepted" in facts:
         log.on_status(0.0, "files", f"the schedule was {facts['accepted']}", good=False)
     if room.text:

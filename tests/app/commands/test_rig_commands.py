@@ -5,6 +5,7 @@ import pty
 import subprocess
 import sys
 import time
+from dataclasses import asdict
 
 import cv2
 import numpy as np
@@ -13,12 +14,17 @@ from typer.testing import CliRunner
 
 from eldir.errors import EldirError
 from eldir_app import doctor
+from eldir_app.catalogue.facts import read_facts
+from eldir_app.catalogue.listing import ending, selected
+from eldir_app.catalogue.runs import CataloguedRun
 from eldir_app.commands.rig import rig as command
 from eldir_app.switching_checks import measure_retriggerable
+from eldir_app.watch.run_view import RunView
 from eldir_hardware.camera.lens import validity_period
 from eldir_hardware.clock import VirtualClock, WallClock
 from eldir_hardware.guardian.pulse_controller import PulseController
-from eldir_hardware.log.reader import read_log
+from eldir_hardware.log.following import LogFollower
+from eldir_hardware.log.reader import is_dry_run, read_log
 from eldir_hardware.planning.compiler import compile_schedule
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.devices import get_driver, get_emulator
@@ -28,7 +34,7 @@ from eldir_hardware.safety.latch import LatchedError
 from eldir_hardware.safety.stop_signals import StoppedError
 from eldir_hardware.virtual.rig import VirtualRig
 from tests.hardware.emulated_rigs import emulated, rig_file, run
-from tests.hardware.rigs_and_schedules import gait, rig_with
+from tests.hardware.rigs_and_schedules import gait, rig_text, rig_with
 from tests.hardware.virtual.piston_and_observer import Notes, Piston
 from tests.raised import raises
 
@@ -76,6 +82,26 @@ def test_a_dry_run_switches_nothing(tmp_path):
     assert board.contact_events == [] and board._bytes_received == 0
     assert np.asarray(read_log(log).relays).any()
     board.close()
+    assert "a rehearsal on an emulated board" in result.output
+    _check_rehearsal(log)
+
+
+def _check_rehearsal(log):
+    """Log, catalogue and page call it so: the rig file in it is that of a real board."""
+    content = read_log(log)
+    assert content.is_dry_run and "dry_run" in [part for _, part, _ in content.statuses]
+    assert is_dry_run({}, content.epoch_ns, content.attachments["rig.yaml"]), "older logs do not say it"
+    assert not is_dry_run({}, 10**18, content.attachments["rig.yaml"])
+    assert not is_dry_run({}, content.epoch_ns, rig_text().encode()), "a virtual rig's run"
+    facts = read_facts(log)
+    assert facts.rehearsal and facts.physics == "emulated board"
+    run = CataloguedRun(log, 1, **asdict(facts))
+    assert ending(run) == "rehearsal: to the end" and selected([run], ["rehearsal"]) == [run]
+    with LogFollower(log) as followed:
+        view = RunView(log)
+        for message in followed.poll():
+            view.update(message, followed)
+    assert view.plan["rehearsal"]
 
 
 def test_a_run_that_a_stop_forbids_leaves_no_log(tmp_path):

@@ -78,7 +78,7 @@ def test_a_finished_log_is_replayed(page, finished_log):
 
 
 def _check_walk_in_words(page):
-    """What the page says of markers and prediction at an instant of a run that was paused for five seconds."""
+    """What the page says of markers and prediction at an instant of a run with a pause of five seconds."""
     schedule = {"settle_s": 1, "period_s": 10, "cycles": 2, "conditioning_cycles": 1}
     rows = [[11, 0, 0, 0], [16, 0.4, 0.1, 0.7], [21, -0.2, -0.5, 0.1], [31, 1, 0.5, 1.5]]
     run = {"marks": [[20, 0.3]], "begins": [[15, 1, 16]], "prediction": rows, "replay": True}

@@ -33,7 +33,9 @@ def drive(
     dry_run: Annotated[
         bool,
         typer.Option(
-            "--dry-run", help="Play on an emulated board in virtual time. No real contact is switched."
+            "--dry-run",
+            help="Rehearse on an emulated board in virtual time. No real contact is switched, and the log is "
+            "marked as a rehearsal.",
         ),
     ] = False,
     room: Annotated[
@@ -78,9 +80,10 @@ def drive(
         typer.echo(f"note: a thermometer at this virtual rig shows {shown:.1f} C; see --room")
     if driven.kind == "real" and driven.board.port is not None:
         require_unlatched(driven.board.port)  # a run that cannot start leaves no log
-    played = play(heating, driven, rig_file, log, DriveConfig(design, accept_mismatch, room))
+    played = play(heating, driven, rig_file, log, DriveConfig(design, accept_mismatch, dry_run, room))
+    kind = "a rehearsal on an emulated board, " if dry_run else ""
     typer.echo(
-        f"wrote {log}: {played.duration_s:.0f} s, highest modelled temperature {played.peak_c:.1f} C, "
+        f"wrote {log}: {kind}{played.duration_s:.0f} s, highest modelled temperature {played.peak_c:.1f} C, "
         f"latest switching {1e3 * played.max_delay_s:.0f} ms late"
     )
 

@@ -132,7 +132,8 @@ function numbers(now, schedule, end) {
   const lost = performance.now() - heard > SILENT;
   const age = run.now === null || run.now === undefined ? null : Math.max(now - run.latest, 0);
   const stale = !run.replay && !run.ended && driven && age > STALE && performance.now() - fedAt > 1000 * STALE;
-  $("name").textContent = rig ? `${rig.name}${rig.virtual ? " (virtual rig)" : ""}` : "eldir rig watch";
+  const kind = run.plan && run.plan.rehearsal ? " (rehearsal on an emulated board: nothing is heated)" : rig && rig.virtual ? " (virtual rig)" : "";
+  $("name").textContent = rig ? `${rig.name}${kind}` : "eldir rig watch";
   const cycle = schedule ? cycleAt(schedule, now) : "–";
   $("mode").textContent = !run.log ? "No schedule is played now. The page shows the next run when it starts."
     : `${run.replay ? "Replay of" : run.ended ? "Ended:" : run.paused ? "Paused:" : driven ? "Running:" : "No longer driven:"} ${run.log}`;
