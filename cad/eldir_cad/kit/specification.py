@@ -129,6 +129,8 @@ class Coil(Section):
     """Free length of the hot coil [mm]."""
     current_limit_a: Annotated[float, Field(gt=0, le=30)]
     """Current limit of the supply that the packet's lists and traveller state [A]."""
+    current_conditions: Annotated[str, Field(max_length=200)] = ""
+    """Conditions under which that current is allowed; they stand beside it."""
 
 
 class HolderSize(Section):

@@ -220,14 +220,20 @@ def draw_traveller(c: Content) -> list[Figure]:
         [
             "Heat: coils reach 60 C and more where they sit in the resin. The heat-deflection temperature of "
             "the resin is not known. Look at the mounts after every run; stop if one has moved or softened.",
-            f"Never connect a coil to a supply without a current limit ({c.spec.coil.current_limit_a:g} A at "
-            "most) and an independent cut-off. A coil that stays on damages itself and the parts by heat.",
+            "Never connect a coil to a supply without a current limit and an independent cut-off. At most "
+            f"{_describe_current(c)}. A coil that stays on damages itself and the parts by heat.",
             "Uncured resin and its solvents: wear gloves and glasses, and ventilate the room.",
         ]
     )
     page.heading("Findings of the build filter")
     page.list(_shorten([f"{v.severity}: {v}" for v in c.report.violations]) or ["none"])
     return [page.figure]
+
+
+def _describe_current(c: Content) -> str:
+    """The current limit, and under which conditions it holds."""
+    coil = c.spec.coil
+    return ", ".join(part for part in (f"{coil.current_limit_a:g} A", coil.current_conditions) if part)
 
 
 def draw_order_of_work(c: Content) -> list[Figure]:
@@ -244,8 +250,8 @@ def draw_order_of_work(c: Content) -> list[Figure]:
         "it on the connectors; glue the pegs with a drop of resin and cure it",
         f"Stick the discs into their seats on the front face: {discs}",
         "Measure the resistance of every coil; write it into wiring.csv and into the rig file",
-        "Wire each coil to its relay channel (wiring.csv); lead the wires outwards and up, at "
-        "least as long as listed",
+        "Wire each coil to its relay channel by wiring.csv of this packet, whose digest is on the assembly "
+        "map; lead the wires outwards and up, at least as long as listed",
     ]
     if c.ground is not None:
         steps.append(

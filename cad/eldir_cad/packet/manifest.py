@@ -162,11 +162,13 @@ def wiring_table(c: Content, connections: Wiring, leads: Sequence[Lead]) -> str:
             "",
             c.spec.coil.current_limit_a,
             round(longest[connection.spring] + SLACK),
+            c.spec.coil.current_conditions,
         ]
         for connection in connections
     ]
     header = ["spring", "spring_in_design", "face", "mass_a", "mass_b", "relay_channel"]
-    return csv_text([*header, "resistance_ohm_measured", "current_limit_a", "lead_to_top_mm"], rows)
+    header += ["resistance_ohm_measured", "current_limit_a", "lead_to_top_mm", "current_conditions"]
+    return csv_text(header, rows)
 
 
 @record

@@ -174,8 +174,8 @@ class LoggedRun(RecordedRun):
 
     @property
     def physics_note(self) -> str:
-        """The physics of a virtual rig, such as ", moved by MuJoCo 4.0.0", and whether it was a rehearsal; empty
-        for a run of a real rig and in older logs."""
+        """Whether it was a rehearsal, and the physics of a virtual rig, such as ", moved by MuJoCo 4.0.0";
+        empty for a run of a real rig and in older logs."""
         rehearsal = ", a rehearsal on an emulated board" if self.log.is_dry_run else ""
         return rehearsal + "".join(
             f", {message}" for _, part, message in self.log.statuses if part == "virtual rig"

@@ -142,16 +142,18 @@ def packet_wiring(design: Path | None, motors: int) -> PacketWiring:
     """The wiring of the packet around the design file; otherwise the one that `eldir packet` writes."""
     if design is not None and (design.parent / NAME).is_file():
         return PacketWiring(read_wiring(design.parent), str(design.parent / NAME))
-    return PacketWiring(wiring(motors), "a packet of eldir")
+    return PacketWiring(wiring(motors), "a packet that eldir writes now")
 
 
 def compare_wiring(rig: Rig, packet: PacketWiring) -> str:
-    """The differences of the rig's wiring from the packet's; empty if their digests agree.
+    """The differences of the rig's wiring from the packet's, with both digests; empty if these agree.
 
     Channels of the rig for motors that the packet does not have are ignored.
     """
     motors = 1 + max((c.spring for c in packet.connections), default=-1)
     connections = select_motors(rig.channels, motors)
-    if wiring_digest(connections) == wiring_digest(packet.connections):
+    on_rig, in_packet = wiring_digest(connections), wiring_digest(packet.connections)
+    if on_rig == in_packet:
         return ""
-    return "; ".join(wiring_differences(connections, packet.connections))
+    differences = "; ".join(wiring_differences(connections, packet.connections))
+    return f"{differences} (wiring {in_packet[:8]} in the packet, {on_rig[:8]} on the rig)"

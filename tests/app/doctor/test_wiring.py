@@ -134,6 +134,7 @@ def test_the_doctor_compares_with_a_packet(packet, swapped, tmp_path):
     refused = run("doctor", "--rig", swapped, "--packet", packet, "--json")
     assert refused.exit_code == 1
     assert not finding(refused)["ok"] and DIFFERS in finding(refused)["text"]
+    assert f"(wiring {wiring_digest(wiring(2))[:8]} in the packet, " in finding(refused)["text"]
     (tmp_path / "same.yaml").write_text(rig_text())
     assert finding(run("doctor", "--rig", tmp_path / "same.yaml", "--packet", packet, "--json"))["ok"]
 

@@ -185,6 +185,7 @@ def test_wiring_names_each_motor_of_each_face_once(packet):
     ends = found.springs[found.active]
     assert [(int(r["mass_a"]), int(r["mass_b"])) for r in rows[::2]] == [tuple(e) for e in ends]
     assert all(r["resistance_ohm_measured"] == "" and float(r["current_limit_a"]) == 3.6 for r in rows)
+    assert all("cut-off of 6.3 s; otherwise 0.7 A" in r["current_conditions"] for r in rows)
     top = 1e3 * np.ptp(found.positions[:, 1]) * SPEC.scale / 1e3
     assert all(100 < int(r["lead_to_top_mm"]) < 110 + 1.2 * top for r in rows)
 

@@ -48,6 +48,7 @@ def test_parts_are_washed_as_long_as_the_printer_says_before_and_after_they_leav
     told = words(draw_traveller(content))
     assert f"Wash on the build plate: 3.5 min in {PRINTER.wash.solvent}" in told
     assert f"off the plate; wash 8 min in {PRINTER.wash.rinse}" in told
+    assert "At most 3.6 A, with the fan on, pulses of 6 s every 30 s and a cut-off of 6.3 s" in told
 
 
 def test_the_order_of_work_tells_the_ballast_of_both_holders_together(content):
