@@ -1,5 +1,7 @@
 """Programs: a run that heats an emulated board, and the server of the page."""
 
+import http.client
+import json
 import os
 import signal
 import socket
@@ -116,6 +118,19 @@ def virtual_run(folder: Path, clock: str = "wall", cycles: int = 5) -> Iterator[
             with suppress(subprocess.TimeoutExpired):
                 player.wait(10.0)
             player.kill()
+
+
+def post(host: str, path: str, token: str | None = None, origin: str | None = None):
+    """Status and answer of a POST, such as a stop from another browser. `host` as in the page's address."""
+    line = http.client.HTTPConnection(host, timeout=30)
+    headers = {"Origin": origin or f"http://{host}"}
+    if token is not None:
+        headers["Authorization"] = f"Bearer {token}"
+    line.request("POST", path, headers=headers)
+    answer = line.getresponse()
+    body = answer.read()
+    line.close()
+    return answer.status, json.loads(body) if body.startswith(b"{") else body
 
 
 def free_port() -> int:

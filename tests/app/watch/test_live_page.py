@@ -3,6 +3,7 @@
 import json
 import os
 import signal
+import time
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from eldir_app.emergency_stop import run_off
 from eldir_hardware.log.reader import read_log
 from eldir_hardware.log.recorder import Recorder
 from eldir_hardware.safety.latch import read_stop
-from tests.app.watch.bench import again_where_busy, free_port, heating, virtual_run, watching
+from tests.app.watch.bench import again_where_busy, free_port, heating, post, virtual_run, watching
 from tests.app.watch.browser import browser
 from tests.hardware.emulated_rigs import rig_file, wait
 from tests.hardware.log.log_contents import picture
@@ -107,10 +108,18 @@ def test_the_page_turns_to_the_run_that_begins_and_its_curves_move(page, tmp_pat
         page.wait("Number(document.getElementById('legend').innerText.match(/ch 1: ([0-9.]+)/)?.[1]) > 31")
         assert page.ask(INK) > before > 0
         ages = [float(page.text("run").split("Data\n")[1].split(" s old")[0]) for _ in range(20)]
-        assert np.median(ages) < 0.3
-        page.click("#stop")
+        assert np.median(ages) < 0.3 and page.ask("document.getElementById('alarm').hidden")
+        assert post(address.removeprefix("http://").strip("/"), "/stop")[1]["proven"], "another browser stops"
         assert player.wait(10.0) == 1  # its emulated board goes with it
-        page.wait("document.getElementById('outcome').innerText.startsWith('Stopped after')")
+        page.wait("document.getElementById('alarm').innerText.startsWith('The run ended at ')")
+        assert "stopped by SIGTERM" in page.text("alarm") and page.ask(
+            "document.getElementById('outcome').hidden"
+        )
+        ended_at = page.text("run").split("Time\n")[1].split("\n")[0]
+        assert ended_at.startswith("ended at ") and "when the run ended" in page.text("heat-note")
+        page.wait("document.documentElement.dataset.over == 'true'")
+        time.sleep(0.6)
+        assert ended_at in page.text("run"), "its clock stands"
         assert not page.errors
     _, _, ended = read_log(tmp_path / "virtual.mcap").statuses[-1]
     assert ended.startswith("stopped by SIGTERM") and "all contacts are open by the board's report" in ended
@@ -188,6 +197,9 @@ def test_the_stop_opens_every_contact(how, player, page, tmp_path):
         page.wait("document.getElementById('outcome').innerText.startsWith('Stopped after')")
         assert "stopped by eldir rig off" in read_stop(run.board.port)
         page.wait("document.getElementById('rig').innerText.includes('stopped by eldir rig off')")
+        page.wait(
+            "document.getElementById('alarm').innerText.includes('Nothing heats before eldir rig reset')"
+        )
 
 
 @again_where_busy

@@ -1,28 +1,13 @@
 """A schedule started from the page: with the option and the token alone, and never beside a latched stop."""
 
-import http.client
-import json
-
 import pytest
 from typer.testing import CliRunner
 
 from eldir_app.commands.rig import rig as command
 from eldir_app.watch.access import load_token
-from tests.app.watch.bench import save_schedule, watching
+from tests.app.watch.bench import post, save_schedule, watching
 from tests.app.watch.browser import browser
 from tests.hardware.emulated_rigs import emulated, rig_file, wait
-
-
-def post(host: str, path: str, token: str | None = None, origin: str | None = None):
-    line = http.client.HTTPConnection(host, timeout=30)
-    headers = {"Origin": origin or f"http://{host}"}
-    if token is not None:
-        headers["Authorization"] = f"Bearer {token}"
-    line.request("POST", path, headers=headers)
-    answer = line.getresponse()
-    body = answer.read()
-    line.close()
-    return answer.status, json.loads(body) if body.startswith(b"{") else body
 
 
 def test_a_start_needs_the_option_the_token_and_no_latched_stop(tmp_path):

@@ -66,10 +66,25 @@ async function show(t, blob) {
   later();
 }
 
+// Whether the run is over: its log is finished, or the program that wrote it has gone.
+function over() {
+  return !run.replay && Boolean(run.log) && (run.ended || Boolean(run.rig && run.rig.player && run.rig.player[0] === null));
+}
+
+// Why nothing heats now: how the run ended, and a latched stop. Every page says it, whoever stopped.
+function stopped() {
+  const last = over() ? run.events.filter(([, , part]) => part === "player").at(-1) : null;
+  const latch = run.rig && run.rig.latch && run.rig.latch[0] === false ? run.rig.latch[1] : "";
+  return [
+    last && !last[1] ? `The run ended at ${last[0].toFixed(1)} s: ${last[3]}` : over() && !run.ended ? "The program that drove has gone, and its log is not finished." : "",
+    latch && `Nothing heats before eldir rig reset: ${latch}`,
+  ].filter(Boolean).join("\n");
+}
+
 // The instant that the page shows [s since the start].
 function present() {
   if (run.replay) return instant;
-  if (run.now === null || run.now === undefined || run.ended) return run.latest || 0;
+  if (run.now === null || run.now === undefined || over()) return run.latest || 0;
   return run.now + (performance.now() - nowAt) / 1000;
 }
 
@@ -131,19 +146,20 @@ function numbers(now, schedule, end) {
   const rig = run.plan && run.plan.rig, state = run.rig || {}, driven = state.player && state.player[0] !== null;
   const lost = performance.now() - heard > SILENT;
   const age = run.now === null || run.now === undefined ? null : Math.max(now - run.latest, 0);
-  const stale = !run.replay && !run.ended && driven && age > STALE && performance.now() - fedAt > 1000 * STALE;
+  const ended = over();
+  const stale = !run.replay && !ended && driven && age > STALE && performance.now() - fedAt > 1000 * STALE;
   const kind = run.plan && run.plan.rehearsal ? " (rehearsal on an emulated board: nothing is heated)" : rig && rig.virtual ? " (virtual rig)" : "";
   $("name").textContent = rig ? `${rig.name}${kind}` : "eldir rig watch";
   const cycle = schedule ? cycleAt(schedule, now) : "–";
   $("mode").textContent = !run.log ? "No schedule is played now. The page shows the next run when it starts."
     : `${run.replay ? "Replay of" : run.ended ? "Ended:" : run.paused ? "Paused:" : driven ? "Running:" : "No longer driven:"} ${run.log}`;
   terms("run", [
-    ["Time", now < 0 ? `begins in ${(-now).toFixed(1)} s` : `${now.toFixed(1)} s`],
+    ["Time", now < 0 ? `begins in ${(-now).toFixed(1)} s` : `${ended ? "ended at " : ""}${now.toFixed(1)} s`],
     ["Cycle", cycle],
-    ["Time left", run.ended && !run.replay ? "–" : schedule && !run.paused ? clock(Math.max(end - now, 0)) : run.paused ? "paused" : "–"],
+    ["Time left", ended ? "–" : schedule && !run.paused ? clock(Math.max(end - now, 0)) : run.paused ? "paused" : "–"],
     ["Highest", run.temperatures.length ? `${hottest(now).toFixed(1)} °C${rig ? ` of ${rig.max_temperature_c}` : ""}` : "–"],
-    ["Data", age === null ? "–" : run.ended ? "complete" : `${age.toFixed(1)} s old`, stale ? "bad" : ""],
-    ["Camera", run.camera_rate === null || run.camera_rate === undefined ? "none" : `${run.camera_rate} pictures/s`],
+    ["Data", age === null ? "–" : run.ended ? "complete" : ended ? "the log ends here" : `${age.toFixed(1)} s old`, stale ? "bad" : ""],
+    ["Camera", ended ? "–" : run.camera_rate === null || run.camera_rate === undefined ? "none" : `${run.camera_rate} pictures/s`],
   ]);
   const mood = (pair) => [pair ? pair[1] : "–", pair && pair[0] === false ? "bad" : pair && pair[0] ? "good" : ""];
   if (run.replay) terms("rig", [["Log", run.log], ["Temperature limit", rig ? `${rig.max_temperature_c} °C` : "–"]]);
@@ -154,13 +170,15 @@ function numbers(now, schedule, end) {
     ["Disk", state.free_mb === null || state.free_mb === undefined ? "–" : `${(state.free_mb / 1000).toFixed(1)} GB free`,
       typeof state.free_mb === "number" && state.free_mb < 500 ? "bad" : ""],
   ]);
+  document.documentElement.dataset.over = String(ended);
+  $("heat-note").textContent = ended ? `at ${now.toFixed(1)} s, when the run ended` : "";
   orders(driven);
   starting(driven);
   $("walk").textContent = describeWalk(run, schedule, now);
   alarm(lost && run.replay ? "Connection lost, reconnecting …"
     : lost ? "Connection lost, reconnecting … Stop heating may still work. If it gives no answer, run eldir rig off or cut the heating supply."
     : run.trouble ? run.trouble
-    : stale ? `No new data for ${age.toFixed(0)} s: the values on this page are old. Stop heating still works.` : "");
+    : stale ? `No new data for ${age.toFixed(0)} s: the values on this page are old. Stop heating still works.` : run.replay ? "" : stopped());
 }
 
 // Commands to the program that drives. Stop heating does not need that program.
