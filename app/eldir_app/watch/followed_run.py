@@ -69,14 +69,16 @@ class FollowedRun:
             self._open(log)
 
     async def stop_arguments(self) -> list[list[str]]:
-        """Arguments of each `eldir rig off` that is needed for a stop: of the port in the rig file, of the
-        ports that drive the virtual rig or the log, or of everything that this computer drives."""
+        """Arguments of each `eldir rig off` that is needed for a stop: of the rig file, of the ports that
+        drive the log, or of everything that this computer drives."""
         if self._rig_file is not None and read_board_hints(self._rig_file).ports:
             return [["--rig", str(self._rig_file.resolve())]]
         if self._rig_file is None and self._given_log is None:
             is_virtual_only = self._virtual and not await asyncio.to_thread(self._find_driven)
             return [] if is_virtual_only else [[]]
         driven = self._driven or await asyncio.to_thread(self._find_driven)
+        if self._rig_file is not None:  # a virtual rig, whose port is another one in each run
+            return [["--rig", str(self._rig_file.resolve())]] if driven else []
         return [["--port", port] for port in dict.fromkeys(d.given_name or d.port for d in driven)]
 
     async def virtual_runs(self) -> list[VirtualRun]:
