@@ -43,7 +43,8 @@ def demo(
 
 
 def _summary(result: DemoResult) -> Iterator[str]:
-    """Lines that compare the evolved, the predicted and the filmed walk with those of the paper's robot."""
+    """Lines that compare the learned, the predicted and the filmed walk with those of the paper's robot."""
+    from eldir_calibration.report.comparison import NOT_COMPARABLE
     from eldir_calibration.report.page import PAPER
     from eldir_hardware.virtual.bodies import default_physics, physics_version
 
@@ -53,13 +54,14 @@ def _summary(result: DemoResult) -> Iterator[str]:
     body = result.choice.design.morphology
     yield f"robot with {len(body.positions)} hubs and {body.motors} motors, body {body.body_name}"
     yield "body lengths per five cycles:"
-    yield f"  evolved   {walk['simulated']:+.2f}   the paper's robot {PAPER['simulated']:+.2f}"
+    yield f"  learned   {walk['simulated']:+.2f}   the paper's robot {PAPER['simulated']:+.2f}"
     spread = f"{samples.mean:+.2f} +- {samples.spread:.2f}, forward in {samples.probability_forward:.0%}"
     if samples.fallen:
         spread += f", falls in {samples.fallen:.0%}"
     count = len(samples.displacement)
     yield f"  predicted {walk['predicted']:+.2f}   over {count} samples of the shortlist {spread}"
     yield f"  filmed    {walk['tracked']:+.2f}   the paper's robot {PAPER['tracked']:+.2f}"
+    yield NOT_COMPARABLE
     yield f"the filmed robot was moved by {physics_version(default_physics())}"
     for warning in (*result.report.warnings, *result.content.remarks):
         yield f"note: {warning}"

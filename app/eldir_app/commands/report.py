@@ -26,7 +26,7 @@ def report(
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the numbers as JSON.")] = False,
 ) -> None:
-    """Compare the evolved, the predicted and the filmed motion of a robot, computed from its logs alone.
+    """Compare the learned, the predicted and the filmed motion of a robot, computed from its logs alone.
 
     Example: eldir report log.mcap control.mcap --design design.json --out report
     """
@@ -42,6 +42,7 @@ def report(
         from eldir.design import Design
         from eldir_app.progress import progress_bar
         from eldir_calibration.comparison.motions import prepare_report
+        from eldir_calibration.report.comparison import MOTION_NAMES, NOT_COMPARABLE
         from eldir_calibration.report.page import write_report
 
         robot = Design.load(design)
@@ -63,6 +64,8 @@ def report(
     typer.echo(content.verdict.text)
     comment = {"predicted": " (most probable robot)"}
     walks = ", ".join(
-        f"{kind} {value:+.2f}{comment.get(kind, '')}" for kind, value in motion.displacement.items()
+        f"{MOTION_NAMES[kind]} {value:+.2f}{comment.get(kind, '')}"
+        for kind, value in motion.displacement.items()
     )
     typer.echo(f"wrote {out}/index.html; body lengths per five cycles: {walks}")
+    typer.echo(NOT_COMPARABLE)

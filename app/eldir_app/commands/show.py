@@ -8,48 +8,111 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    import numpy as np
+
     from eldir.design import Design
 
 _FRAME_RATE = 25  # [1/s]
+_WEBP_RATE = 10  # [1/s]
 
 
 def show(
     design: Annotated[Path, typer.Argument(metavar="DESIGN", help="Design file.")],
     out: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Picture (.png) or video (.webm) to write. Default: DESIGN.png."),
+        typer.Option(
+            metavar="FILE",
+            help="Picture (.png), video (.webm) or small moving picture (.webp) to write. Default: "
+            "DESIGN.png, with --schedule DESIGN.webm.",
+        ),
+    ] = None,
+    schedule: Annotated[
+        Path | None,
+        typer.Option(help="Heating schedule: film the predicted walk of the printed robot under it."),
+    ] = None,
+    rig: Annotated[
+        Path | None,
+        typer.Option(help="Rig file for which the schedule was made. Default: the one of `eldir rig new`."),
     ] = None,
 ) -> None:
-    """Draw a design (.png), or its rollout as a video (.webm).
+    """Draw a design (.png), or film its motion (.webm, .webp): the learned one, or the predicted one.
 
-    Passive springs are grey, motors are orange-red. In the video a motor turns darker when it contracts and
-    lighter when it expands. m1 to m5 are the masses that the camera of the rig tracks.
+    Without --schedule the film shows what the neural controller learned in the paper's scene. With it, it
+    shows the printed robot, ten times as fast. Passive springs are grey, motors are orange-red; a motor turns
+    darker when it contracts and lighter when it expands. m1 to m5 are the masses that the camera tracks.
 
-    Example: eldir show design.json --out design.webm
+    Example: eldir show design.json --schedule schedule.json --out walk.webm
     """
-    if out is not None and out.suffix not in (".png", ".webm"):
-        raise typer.BadParameter(f"--out: expected a name that ends in .png or .webm, found {out}")
+    suffixes = (".webm", ".webp") if schedule is not None else (".png", ".webm", ".webp")
+    if out is not None and out.suffix not in suffixes:
+        raise typer.BadParameter(f"--out: expected a name that ends in {', '.join(suffixes)}, found {out}")
+    if rig is not None and schedule is None:
+        raise typer.BadParameter("--rig needs --schedule")
     from eldir.core.files import write_bytes
     from eldir.design import Design
     from eldir.show import picture
 
     robot = Design.load(design)
-    target = out if out is not None else design.with_suffix(".png")
+    target = out if out is not None else design.with_suffix(".png" if schedule is None else ".webm")
     if target.suffix == ".png":
         write_bytes(target, picture(robot))
     else:
-        _write_video(robot, target)
+        rate = _FRAME_RATE if target.suffix == ".webm" else _WEBP_RATE
+        film = _learned(robot, rate) if schedule is None else _predicted(robot, schedule, rig, rate)
+        _write_film(target, *film, rate)
     print(target)
 
 
-def _write_video(robot: Design, target: Path) -> None:
+def _learned(robot: Design, rate: int) -> tuple[Iterator[np.ndarray], int]:
+    """Frames of the learned motion, and their number."""
     from eldir.rollout import simulate
     from eldir.show import frames
-    from eldir_app.progress import progress_bar
-    from eldir_hardware.images.video import write_webm
 
     rollout = simulate([robot.morphology], [robot.controller], robot.scene)[0]
-    count = int(robot.scene.steps * robot.scene.dt * _FRAME_RATE) + 1
+    return frames(robot, rollout, rate), int(robot.scene.steps * robot.scene.dt * rate) + 1
+
+
+def _predicted(
+    robot: Design, schedule_file: Path, rig_file: Path | None, rate: int
+) -> tuple[Iterator[np.ndarray], int]:
+    """Frames of the predicted motion, and their number. Raises `InputError` for a schedule of another design
+    or rig."""
+    from eldir.built.robot import build
+    from eldir.core.yaml_files import parse_yaml
+    from eldir.errors import InputError
+    from eldir.show import PRINTED_SPEED, printed_frames
+    from eldir_calibration.comparison.predictions import predict_body
+    from eldir_calibration.comparison.recorded_run import RecordedRun
+    from eldir_hardware.rig.configuration import Rig
+    from eldir_hardware.rig.template import virtual_rig
+    from eldir_hardware.safety.compatibility import describe_mismatch
+    from eldir_hardware.schedule import ActuationSchedule
+
+    heating = ActuationSchedule.load(schedule_file)
+    template = "the rig file of eldir rig new"
+    rig = (
+        Rig.from_json(parse_yaml(virtual_rig(physics="mujoco").encode(), template))  # a robot with hubs
+        if rig_file is None
+        else Rig.load(rig_file)
+    )
+    if mismatch := describe_mismatch(heating, rig, robot):
+        raise InputError(
+            f"the schedule was not made for this design and {rig_file or template}: {mismatch}",
+            code="show.other-schedule",
+            remedy="name its design, and its rig file with --rig",
+        )
+    body = predict_body(RecordedRun(robot, heating, rig))
+    begin, length = heating.start_of_cycles, build(robot.morphology).body_length
+    count = int((body.times[-1] - begin) * rate / PRINTED_SPEED) + 1
+    return printed_frames(robot, body.times, body.positions, begin, length, rate), count
+
+
+def _write_film(target: Path, frames: Iterator[np.ndarray], count: int, rate: int) -> None:
+    from eldir_app.progress import progress_bar
+    from eldir_hardware.images.video import write_webm, write_webp
+
+    write = write_webm if target.suffix == ".webm" else write_webp
     with progress_bar() as progress:
-        film = progress.track(frames(robot, rollout, _FRAME_RATE), total=count, description="drawing")
-        write_webm(target, film, _FRAME_RATE)
+        write(target, progress.track(frames, total=count, description="drawing"), rate)

@@ -85,7 +85,7 @@ def prepare_report(
     own = {"simulated": predictions.evolved, "predicted": filmed[0].predicted}
     ground = ground_in_film(film.motion, predictions.body)
     return ReportInput(
-        title=f"Simulated, predicted and filmed: {', '.join(run.log for run in filmed)}",
+        title=f"Learned, predicted and filmed: {', '.join(run.log for run in filmed)}",
         simulated=predictions.evolved,
         predicted=filmed[0].predicted,
         before=predictions.before and _truncate(predictions.before, film.motion),

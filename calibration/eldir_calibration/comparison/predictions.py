@@ -114,6 +114,15 @@ def predict_motions(design: Design, schedule: ActuationSchedule, rig: Rig) -> di
     return {"simulated": simulate_evolved(run), "predicted": predicted}
 
 
+def predict_body(run: RecordedRun) -> PredictedBody:
+    """The motion of the whole nominal robot under the schedule of a run. Raises `EldirError` where the
+    simulation fails."""
+    (motion,), body = _simulate([_prepare_run(run, None)])
+    if motion is None:
+        raise divergence_error("the predicted motion")
+    return body
+
+
 def predict_walk(run: RecordedRun, samples: int = SAMPLES) -> FloatArray:
     """The predicted walk over time, from the samples and with the 95 % interval of `predict_runs`.
 

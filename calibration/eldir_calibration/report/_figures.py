@@ -9,33 +9,36 @@ from matplotlib.figure import Figure
 
 from eldir.core.pictures import hide_frame, new_axes
 from eldir.core.records import BoolArray, FloatArray
-from eldir_calibration.report.comparison import MOTION_KINDS, PHASE_SAMPLES, Motion, MotionReport, mean_cycle
+from eldir_calibration.report.comparison import (
+    MOTION_KINDS,
+    MOTION_NAMES,
+    PHASE_SAMPLES,
+    Motion,
+    MotionReport,
+    mean_cycle,
+)
 from eldir_calibration.report.controls import PAPER_DISPLACEMENTS, FilmedRun, pool_displacements
 from eldir_hardware.camera.plane import Image, Plane
 
 # Okabe and Ito's palette, and a line of its own for each kind, so that a grey print reads too.
 COLOURS = {"simulated": "#0072B2", "predicted": "#E69F00", "tracked": "#000000"}
 STYLES = {"simulated": ":", "predicted": "--", "tracked": "-"}
-LABELS = {
-    "simulated": "evolved (closed loop)",
-    "predicted": "predicted (this schedule)",
-    "tracked": "camera",
-}
+LABELS = MOTION_NAMES | {"simulated": "learned (paper's scene)", "predicted": "predicted (this schedule)"}
 ALT_TEXTS = {
     "frame": "Picture of the camera: the robot between reference tags, with a coloured line for the path of "
     "each marker.",
-    "ranges": "Bars for each marker: evolved, predicted and filmed vertical range, with error bars. "
+    "ranges": "Bars for each marker: learned, predicted and filmed vertical range, with error bars. "
     "The table of vertical ranges has their values.",
-    "advance": "Three lines that rise from cycle to cycle: how far the evolved, the predicted and the filmed "
+    "advance": "Three lines that rise from cycle to cycle: how far the learned, the predicted and the filmed "
     "robot have walked. The table of displacement has where they end.",
     "runs": "Bars for each robot: filmed and predicted displacement; beside them a line for each run. The "
     "table of robots has the values.",
-    "cycles": "Picture of the camera: around each marker three closed curves, its mean cycle as evolved, "
+    "cycles": "Picture of the camera: around each marker three closed curves, its mean cycle as learned, "
     "predicted and filmed.",
-    "paths": "Height of each marker over its forward motion, three lines each: evolved, predicted, filmed.",
-    "heights": "One row for each marker: its height over a cycle as evolved, predicted and filmed. The "
+    "paths": "Height of each marker over its forward motion, three lines each: learned, predicted, filmed.",
+    "heights": "One row for each marker: its height over a cycle as learned, predicted and filmed. The "
     "table of agreement has how well they match.",
-    "profiles": "Marks on an axis from minus one to one: correlation with the camera of the evolved and the "
+    "profiles": "Marks on an axis from minus one to one: correlation with the film of the learned and the "
     "predicted profile, and of other bodies'.",
     "heating": "Three rows over time: forward motion, closed contacts as bands, modelled temperature of each "
     "spring, and a line at the rig's maximum.",
@@ -124,7 +127,7 @@ def draw_advance(motions: dict[str, Motion]) -> Figure:
 
 def draw_cycles(image: Image, plane: Plane, motions: dict[str, Motion], lag: int) -> Figure:
     """Mean cycles of every motion on the frame at the start of the first cycle, each around the point that
-    puts the camera's phase zero, a ring, onto the mass; the evolved cycle is shifted by its lag."""
+    puts the camera's phase zero, a ring, onto the mass; the learned cycle is shifted by its lag."""
     folded = {kind: motions[kind].by_phase() for kind in MOTION_KINDS}
     places = folded["tracked"][0, 0] - mean_cycle(folded["tracked"])[0]
     figure, axes = new_axes(7.0, 5.0)

@@ -1,4 +1,4 @@
-"""Compares three motions: evolved in simulation, predicted for the built robot, filmed by the camera.
+"""Compares three motions: learned in simulation, predicted for the built robot, filmed by the camera.
 
 A matching profile of vertical ranges alone is weak evidence: it fits nearly any robot of that shape
 (docs/reference/report.md). So displacement, horizontal motion and a null are compared as well.
@@ -19,7 +19,14 @@ from eldir.trajectory import Trajectory
 
 PHASE_SAMPLES = 100
 """Samples of a cycle."""
-MOTION_KINDS = ("simulated", "predicted", "tracked")
+MOTION_NAMES = {"simulated": "learned", "predicted": "predicted", "tracked": "filmed"}
+"""The name of each motion for people, by its key in JSON: learned by the neural controller in the paper's
+scene; predicted for the printed robot under the schedule of the run; filmed by the camera."""
+MOTION_KINDS = tuple(MOTION_NAMES)
+NOT_COMPARABLE = (
+    "Learned and predicted are not comparable: the paper's scene has no hubs, other springs, weights and "
+    "friction, and the controller's own pace. Only the filmed walk tests the predicted one."
+)
 _MIN_DIFFERENCE = 1e-9  # a prediction this close to the camera was not computed independently [m]
 
 

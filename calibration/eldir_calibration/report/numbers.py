@@ -202,8 +202,8 @@ class ReportNumbers(FileRecord):
     masses: dict[str, MassNumbers]
     """Marked masses, m1 lowest."""
     body_lengths_per_5_cycles: dict[str, Number]
-    """Mean forward motion of the marked masses: simulated, where the robot evolved; predicted for the built
-    robot; tracked, null if it was not seen."""
+    """Mean forward motion of the marked masses: simulated, learned in the paper's scene; predicted for the
+    printed robot; tracked, filmed, null if it was not seen."""
     body_lengths_per_5_cycles_interval: dict[str, Interval]
     """95 % of each motion: over cycles; of the prediction, for one more robot, from samples."""
     paper_body_lengths_per_5_cycles: dict[str, float]

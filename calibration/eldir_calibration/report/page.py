@@ -17,7 +17,14 @@ from eldir.core.pictures import page_templates, png
 from eldir.core.records import BoolArray, FloatArray
 from eldir.parameters.wiring import Wiring
 from eldir_calibration.report import _figures as figures
-from eldir_calibration.report.comparison import MOTION_KINDS, Motion, MotionReport, best_lag, compare_motions
+from eldir_calibration.report.comparison import (
+    MOTION_KINDS,
+    NOT_COMPARABLE,
+    Motion,
+    MotionReport,
+    best_lag,
+    compare_motions,
+)
 from eldir_calibration.report.controls import (
     PAPER_DISPLACEMENTS,
     FilmedRun,
@@ -159,6 +166,7 @@ def _render_page(
         sampled=content.samples is not None,
         kinds=MOTION_KINDS,
         labels=figures.LABELS,
+        not_comparable=NOT_COMPARABLE,
         paper=PAPER,
         warnings=[*report.warnings, *content.remarks],
         runs=content.runs,
@@ -203,13 +211,13 @@ def _draw_figures(
     if content.frame is not None and content.plane is not None:
         caption = (
             "Mean cycles without the steady walk, on the frame at the start of the cycles that count. A ring "
-            "marks phase zero. The evolved robot's cycle is stretched, and shifted to where it fits best"
+            "marks phase zero. The learned cycle is stretched, and shifted to where it fits best"
         )
         cycles = figures.draw_cycles(content.frame, content.plane, motions, lag)
         drawings["cycles"] = (caption, cycles)
     drawings["paths"] = ("Paths of the marked masses over the cycles that count", figures.draw_paths(motions))
     drawings["heights"] = (
-        "Height over a cycle, without its mean. Bands span all cycles. The evolved robot's cycle is "
+        "Height over a cycle, without its mean. Bands span all cycles. The learned cycle is "
         "stretched, and shifted to where it fits best",
         figures.draw_heights(motions, lag),
     )

@@ -128,6 +128,20 @@ def resize_to_width(picture: NDArray[np.uint8], width: int) -> tuple[NDArray[np.
     return np.asarray(cv2.resize(picture, size, interpolation=kind), np.uint8), scale
 
 
+def write_webp(path: Path, frames: Iterable[np.ndarray], rate: float, width: int = 640) -> None:
+    """Write RGB frames (height, width, 3) uint8 as a picture that moves without end, WebP, `width` wide [px];
+    the whole file or none."""
+    from PIL import Image as pillow
+
+    pictures = [pillow.fromarray(resize_to_width(frame, width)[0]) for frame in frames]
+    if not pictures:
+        raise InputError("a video needs at least one frame")
+    film = BytesIO()
+    options = {"duration": round(1000 / rate), "loop": 0, "quality": 50, "method": 4}
+    pictures[0].save(film, "WEBP", save_all=True, append_images=pictures[1:], **options)
+    write_bytes(path, film.getvalue())
+
+
 @dataclass
 class Video:
     """A video file. Iterating gives seconds since its first picture, and BGR pictures (H, W, 3) uint8, which

@@ -107,6 +107,11 @@ def require_compatible(
     )
 
 
+def describe_mismatch(schedule: ActuationSchedule, rig: Rig, design: Design | None) -> str:
+    """How a schedule does not fit design and rig values; empty if it was made for them."""
+    return "; ".join(_differences(schedule, rig, design))
+
+
 def _differences(schedule: ActuationSchedule, rig: Rig, design: Design | None) -> list[str]:
     digests = schedule.provenance.digests
     if digests is None:

@@ -5,10 +5,12 @@ from __future__ import annotations
 import signal
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from eldir.built.gait import Gait
 from eldir.built.samples import NominalRobots, sample_walks
@@ -20,6 +22,7 @@ from eldir.lattice import Lattice
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
 from eldir.trajectory import Trajectory
+from eldir_app.commands.show import show
 from eldir_cad.packet.folder import apply_variant
 from eldir_calibration.comparison.predictions import predict_motions, predict_runs, predict_walk
 from eldir_calibration.comparison.recorded_run import LoggedRun, RecordedRun
@@ -30,6 +33,7 @@ from eldir_calibration.report.verdict import prediction_interval
 from eldir_hardware.log.reader import RunLog
 from eldir_hardware.planning.compiler import compile_schedule
 from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.safety.compatibility import with_digests
 from tests.calibration.comparison.computed_aside import die, interrupted, refuse, square
 from tests.eldir.random_design import make_design
 from tests.hardware.rigs_and_schedules import rig_text
@@ -123,6 +127,25 @@ def test_a_scene_may_know_that_heat_passes_between_springs(driven: RecordedRun) 
     own = [motions.own[0].trajectory.positions for motions in found]
     assert np.abs(own[1] - own[0]).max() > 1e-4
     assert passed.samples.fell == 1, "a sample was heated too: without its hubs it would be refused"
+
+
+def test_the_predicted_walk_is_filmed(driven: RecordedRun, tmp_path: Path) -> None:
+    """`eldir show --schedule`: the nominal robot of the rig, ten times as fast as it walks."""
+    design, schedule, rig, film = (tmp_path / n for n in ("d.json", "s.json", "rig.yaml", "walk.webp"))
+    driven.design.save(design)
+    with_digests(driven.schedule, driven.rig, driven.design).save(schedule)
+    rig.write_bytes(driven.rig.source)
+    show(design, film, schedule, rig)
+    with Image.open(film) as moving:
+        assert moving.n_frames == 3 * 12 + 1, "ten pictures a second, ten seconds in a second"
+        pictures = []
+        for number in (0, 18, 36):
+            moving.seek(number)
+            pictures.append(np.asarray(moving.convert("RGB"), dtype=int))
+    assert pictures[0].shape[1] == 640
+    assert min(np.abs(a - b).max() for a, b in pairwise(pictures)) > 100, "it moved"
+    with raises(InputError, "show.other-schedule"):
+        show(design, tmp_path / "other.webp", schedule)  # the rig of a new rig file has another current
 
 
 def test_samples_are_those_that_a_gait_was_planned_with(driven: RecordedRun) -> None:

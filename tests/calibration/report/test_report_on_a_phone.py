@@ -25,8 +25,8 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.skipif(BROWSER is None, reason="Chromium is not installed")
 @pytest.mark.parametrize("width", [390, 1400])
-def test_the_cameras_column_is_seen(width: int, page: Path, tmp_path: Path) -> None:
-    found = measured(page, width, tmp_path, "camera")
+def test_the_filmed_column_is_seen(width: int, page: Path, tmp_path: Path) -> None:
+    found = measured(page, width, tmp_path, "filmed")
     assert found["width"] == width
     assert len(found["heads"]) == 5, "displacement, runs, ranges twice, identification"
     assert max(found["heads"]) <= width and found["page"] <= width
