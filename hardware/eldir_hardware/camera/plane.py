@@ -167,7 +167,10 @@ class Plane(FileRecord):
         """Pixels of points (..., 2) [m] in the plane, shape (..., 2) [px]."""
         h = self.homography
         u = points @ h[:2, :2].T + h[:2, 2]
-        u = u / (points @ h[2, :2] + h[2, 2])[..., None]
+        return self.distort(u / (points @ h[2, :2] + h[2, 2])[..., None])
+
+    def distort(self, u: FloatArray) -> FloatArray:
+        """Pixels of points (..., 2) of the undistorted picture [half diagonals from the centre]."""
         return (
             self.centre_px + self.half_diagonal_px * self._radial_factor(u[..., 0], u[..., 1])[..., None] * u
         )

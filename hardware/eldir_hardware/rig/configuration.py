@@ -138,6 +138,10 @@ class Rig(Section):
             raise ValueError(f"a {self.kind} rig cannot have a {self.camera.kind} camera")
         if self.sensor is not None:
             self._require_consistent_sensor(self.sensor)
+        if self.virtual.dimensions == 3 and 2 * len({c.spring for c in self.channels}) != len(places):
+            raise ValueError(
+                "virtual.dimensions: 3 needs a channel for each face of every motor that is heated"
+            )
         if self.kind == "real" and self.thermometer is not None and self.thermometer.path is None:
             raise ValueError("a real thermometer needs its file: thermometer.path")
         return self

@@ -336,7 +336,16 @@ class VirtualEntry(Section):
     physics: Literal["eldir", "mujoco"] = "eldir"
     """The program that moves the robot: eldir's built scene, or MuJoCo, which models hubs, sockets and
     contact between parts (`pip install 'eldir[mujoco]'`)."""
+    dimensions: Literal[2, 3] = 2
+    """2: the robot moves in its plane, by the mean of both faces; 3, in MuJoCo alone: each face has its own
+    strips, feet and coils, and the robot may turn, lean and fall over sideways, in three times the time."""
     clock: Literal["virtual", "wall"] = "virtual"
     """virtual: as fast as possible; wall: in real time."""
     design: str | None = None
     """Design file of the robot on it, relative to the rig file."""
+
+    @model_validator(mode="after")
+    def _simulated_in_space(self) -> VirtualEntry:
+        if self.dimensions == 3 and self.physics != "mujoco":
+            raise ValueError("dimensions: 3 needs physics: mujoco")
+        return self

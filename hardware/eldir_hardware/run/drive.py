@@ -257,6 +257,7 @@ class _NoBody:
 
     springs: IntArray = np.zeros((0, 2), dtype=np.int32)
     positions: FloatArray = np.zeros((0, 2))
+    discs = None
     remark = ""
 
     def move(self, lengths: FloatArray, interval: float) -> None:
@@ -358,7 +359,17 @@ def _open_body(
     from eldir_hardware.virtual.bodies import BodyProcess, virtual_body
 
     virtual, body = rig.virtual, design.morphology
-    given = (virtual.physics, body, virtual.seed, springs, design.ballast, printed, lay_on_table(design))
+    ground = lay_on_table(design)
+    given = (
+        virtual.physics,
+        body,
+        virtual.seed,
+        springs,
+        design.ballast,
+        printed,
+        ground,
+        virtual.dimensions,
+    )
     if virtual.clock == "virtual":
         yield virtual_body(*given)
         return

@@ -134,7 +134,11 @@ def record_frames(
             log.on_stall(frame.time_s, frame.time_s - previous)
         previous = frame.time_s
         on_body(frame)
-        log.on_frame(frame.time_s, camera.render(frame.positions, frame.springs, marked))
+        if frame.discs is None:
+            picture = camera.render(frame.positions, frame.springs, marked)
+        else:
+            picture = camera.render_solid(frame.discs, frame.springs, marked)
+        log.on_frame(frame.time_s, picture)
 
     return record
 

@@ -8,6 +8,7 @@ from eldir.core.records import FloatArray
 from eldir.morphology import Morphology
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import sample_feet
+from eldir.parameters.springs import SpringParameters
 from eldir.parameters.wiring import FACES
 from eldir.terrain import Terrain
 from eldir_cad.kit import PRINTER
@@ -15,7 +16,57 @@ from eldir_cad.kit.printer import load_printer
 from eldir_cad.kit.specification import load_specification
 from eldir_cad.multibody.biplane import Biplane, build_biplane
 from eldir_cad.multibody.biplane_mjcf import biplane_mjcf, disc_name
-from eldir_hardware.virtual.mujoco_body import TILT_SCATTER, CoilDrivenMotion
+from eldir_cad.multibody.hubs import face_side
+from eldir_hardware.camera.projection import DiscPoses
+from eldir_hardware.virtual.mujoco_body import TILT_SCATTER, CoilDrivenMotion, OverlapCheck
+
+
+class BiplaneBody:
+    """The robot of a design on the table with its two faces apart, simulated step by step by MuJoCo."""
+
+    def __init__(
+        self,
+        morphology: Morphology,
+        seed: int,
+        springs: SpringParameters,
+        ballast: FloatArray | None = None,
+        built: BuiltParameters | None = None,
+        terrain: Terrain | None = None,
+    ):
+        """As `MujocoBody`; the robot of `sample_biplane`."""
+        self._model = sample_biplane(morphology, seed, ballast, built, terrain)
+        self.motion = BiplaneMotion(self._model, (springs.cold_length, springs.hot_length))
+        self._lengths = np.full((1, len(FACES) * morphology.motors), springs.cold_length)
+        self._overlap_check, self._time = OverlapCheck(morphology, load_specification()), 0.0
+        self.remark = ""
+        self.springs = morphology.springs
+
+    @property
+    def positions(self) -> FloatArray:
+        """Middles of the hubs in the plane in which the robot was put [m], shape (M, 2)."""
+        return self.motion.positions
+
+    @property
+    def discs(self) -> DiscPoses:
+        """Current places of the discs of both faces."""
+        model, rotations = self._model, self.motion.rotations
+        sides = np.array([face_side(face) for face in FACES])
+        across = sides[:, None] * (model.outside - model.springs_at) * np.array([0.0, 1.0, 0.0])
+        outsides: FloatArray = self.motion.discs + np.einsum("mfij,fj->mfi", rotations, across)
+        return DiscPoses(outsides + np.array([0.0, model.outside, 0.0]), rotations)
+
+    def move(self, lengths: FloatArray, interval: float) -> None:
+        """As `DrivenBody.move`."""
+        motors = self._lengths.shape[1] // len(FACES)
+        table = np.concatenate([self._lengths, lengths[:, :motors].reshape(len(lengths), -1)])
+        self.motion.follow(table, interval)
+        self._lengths = table[-1:]
+        self._time += len(lengths) * interval
+        for face, discs in zip(FACES, self.motion.discs.swapaxes(0, 1), strict=True):
+            if not self.remark and (parts := self._overlap_check.worst_pair(discs)):
+                self.remark = (
+                    f"{parts} of the {face} pass through each other, first {self._time:.1f} s after power-on"
+                )
 
 
 class BiplaneMotion(CoilDrivenMotion):
@@ -35,6 +86,11 @@ class BiplaneMotion(CoilDrivenMotion):
     def discs(self) -> FloatArray:
         """Middles of the discs, front and back [m], shape (M, 2, 3)."""
         return np.array(self.data.site_xpos[self._sites])
+
+    @property
+    def rotations(self) -> FloatArray:
+        """Rotations of the discs, front and back, from the upright robot, shape (M, 2, 3, 3)."""
+        return np.array(self.data.site_xmat[self._sites]).reshape(*self._sites.shape, 3, 3)
 
     @property
     def positions(self) -> FloatArray:

@@ -19,10 +19,12 @@ from eldir.parameters.annotations import LargeSpread, field_annotations
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
+from eldir.parameters.wiring import FACES
 from eldir.terrain import Terrain
 from eldir_hardware.virtual.rig import DrivenBody
 
 Physics = Literal["eldir", "mujoco"]
+Dimensions = Literal[2, 3]
 _SAMPLED_FIRST = "cold_length", "hot_length"
 """Springs' fields before the others, by which seeds give the same robots as before."""
 
@@ -35,13 +37,18 @@ def virtual_body(
     ballast: FloatArray,
     built: BuiltParameters | None = None,
     terrain: Terrain | None = None,
+    dimensions: Dimensions = 2,
 ) -> DrivenBody:
     """The robot of a design, with deviations from the nominal one by the seed.
 
     `ballast` [kg] on each mass, both faces together, shape (M,); `built`: parameters of the robot, else by
-    `seed`; `terrain`: the ground, by default a table. Raises `MissingDependencyError` where the physics is
-    not installed.
+    `seed`; `terrain`: the ground, by default a table; `dimensions`: 3 in MuJoCo alone. Raises
+    `MissingDependencyError` where the physics is not installed.
     """
+    if dimensions == 3:
+        from eldir_hardware.virtual.biplane_body import BiplaneBody
+
+        return BiplaneBody(morphology, seed, springs, ballast, built, terrain)
     if physics == "mujoco":
         from eldir_hardware.virtual.mujoco_body import MujocoBody
 
@@ -114,12 +121,13 @@ class EngineBody:
         self.remark = ""  # strips and coils have no width here: nothing overlaps
         self.springs = morphology.springs
         self.positions = self._state[:2].T
+        self.discs = None
 
     def move(self, lengths: FloatArray, interval: float) -> None:
-        """Move by free lengths [m] given every `interval` [s], shape (steps, motors)."""
+        """Move by the mean free lengths of both faces; arguments as of `DrivenBody.move`."""
         from eldir.built.motion import OK, drive
 
-        table = np.concatenate([self._lengths, lengths[:, : self._lengths.shape[1]]])
+        table = np.concatenate([self._lengths, lengths[:, : self._lengths.shape[1]].mean(axis=2)])
         (motion,) = drive(
             [self._robot],
             [table],
@@ -151,31 +159,32 @@ class BodyProcess:
         ballast: FloatArray,
         built: BuiltParameters | None = None,
         terrain: Terrain | None = None,
+        dimensions: Dimensions = 2,
     ):
         """The robot of `virtual_body`, with the same parameters and errors."""
         context = get_context("spawn")
         self._connection, other = context.Pipe()
         self._process = context.Process(
             target=_serve,
-            args=(other, physics, morphology, seed, springs, ballast, built, terrain),
+            args=(other, physics, morphology, seed, springs, ballast, built, terrain, dimensions),
             daemon=True,
         )
         self._process.start()
         other.close()
         self.remark = ""
         try:
-            self.springs, self.positions = self._receive()
+            self.springs, self.positions, self.discs = self._receive()
         except BaseException:
             self.close()
             raise
 
     def move(self, lengths: FloatArray, interval: float) -> None:
-        """Move by the active springs' free lengths [m] given every `interval` [s], shape (steps, motors)."""
+        """As `DrivenBody.move`."""
         try:
             self._connection.send((lengths, interval))
         except OSError:
             raise self._died() from None
-        self.positions, self.remark = self._receive()
+        self.positions, self.discs, self.remark = self._receive()
 
     def close(self) -> None:
         """End the worker process."""
@@ -212,6 +221,7 @@ def _serve(
     ballast: FloatArray,
     built: BuiltParameters | None,
     terrain: Terrain | None,
+    dimensions: Dimensions,
 ) -> None:
     from eldir.core import program_log
 
@@ -220,14 +230,14 @@ def _serve(
         signal.signal(number, signal.SIG_IGN)  # the parent ends this process
     try:
         # Another body moves for a moment: the engine compiles now.
-        given = physics, morphology, seed, springs, ballast, built, terrain
+        given = physics, morphology, seed, springs, ballast, built, terrain, dimensions
         spare = virtual_body(*given)
-        spare.move(np.full((1, morphology.motors), springs.cold_length), 0.05)
+        spare.move(np.full((1, morphology.motors, len(FACES)), springs.cold_length), 0.05)
         body = virtual_body(*given)
-        connection.send((body.springs, body.positions))
+        connection.send((body.springs, body.positions, body.discs))
         while True:
             body.move(*connection.recv())
-            connection.send((body.positions, body.remark))
+            connection.send((body.positions, body.discs, body.remark))
     except (EOFError, ConnectionError):  # the parent has ended
         return
     except EldirError as error:

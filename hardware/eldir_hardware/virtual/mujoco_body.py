@@ -61,10 +61,11 @@ class MujocoBody:
         self.remark = ""
         self.springs = morphology.springs
         self.positions = self.motion.positions
+        self.discs = None
 
     def move(self, lengths: FloatArray, interval: float) -> None:
-        """Follow free lengths given every `interval` [s], shape (steps, motors)."""
-        table = np.concatenate([self._lengths, lengths[:, : self._lengths.shape[1]]])
+        """Follow the mean free lengths of both faces; arguments as of `DrivenBody.move`."""
+        table = np.concatenate([self._lengths, lengths[:, : self._lengths.shape[1]].mean(axis=2)])
         self.motion.follow(table, interval)
         self._lengths = table[-1:]
         self.positions = self.motion.positions
@@ -211,8 +212,8 @@ class OverlapCheck:
         self._reach = 1e-3 * (spec.mass.across_flats + thick[self._spring]) / 2
 
     def worst_pair(self, positions: FloatArray) -> str | None:
-        """Description of the pair that overlaps most with the hubs' centres at `positions` [m], shape (M, 2);
-        None without overlap."""
+        """Description of the pair that overlaps most with the hubs' centres at `positions` [m], shape (M, 2),
+        or the discs of one face in space, (M, 3); None without overlap."""
         if not len(self._hub):
             return None
         a, b = positions[self._ends[self._spring]].transpose(1, 0, 2)

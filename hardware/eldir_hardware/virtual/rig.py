@@ -16,6 +16,8 @@ import numpy as np
 from eldir.core.records import FloatArray, IntArray
 from eldir.errors import InputError
 from eldir.parameters.springs import SpringParameters
+from eldir.parameters.wiring import FACES, Face
+from eldir_hardware.camera.projection import DiscPoses
 from eldir_hardware.clock import VirtualClock, WallClock
 from eldir_hardware.current_sensor import CurrentSensor
 from eldir_hardware.emulator.board import EmulatedBoard
@@ -36,6 +38,8 @@ class BodyFrame(NamedTuple):
     """All masses [m], shape (M, 2)."""
     springs: IntArray
     """Mass indices of every spring, shape (S, 2)."""
+    discs: DiscPoses | None = None
+    """The discs of both faces; None for a body that stays in its plane."""
 
 
 class DrivenBody(Protocol):
@@ -43,14 +47,21 @@ class DrivenBody(Protocol):
 
     springs: IntArray
     """Mass indices of every spring, shape (S, 2)."""
-    positions: FloatArray
-    """Current positions of the masses [m], shape (M, 2)."""
     remark: str
     """A remark on motion that is impossible for a real robot, such as parts that pass through each other;
     else empty."""
 
+    @property
+    def positions(self) -> FloatArray:
+        """Current positions of the masses [m], shape (M, 2)."""
+
+    @property
+    def discs(self) -> DiscPoses | None:
+        """Current places of the discs of both faces; None for a body that stays in its plane."""
+
     def move(self, lengths: FloatArray, interval: float) -> None:
-        """Follow free lengths of the active springs given every `interval` [s], shape (steps, motors)."""
+        """Follow free lengths of the coils on the front and the back of each motor given every `interval`
+        [s], shape (steps, motors, 2)."""
 
 
 def room_temperature(rig: Rig) -> float:
@@ -100,8 +111,10 @@ class VirtualRig:
             self.clock.now(),
             rig.cutoff_s,
         )
-        # The body lies in one plane: its springs follow the mean of both faces.
-        self._face_mask = np.array([[c.spring == motor for c in rig.channels] for motor in range(rig.motors)])
+        self._cold_length = common.cold_length
+        self._coils = np.array(
+            [[_find_coil(rig, motor, face) for face in FACES] for motor in range(rig.motors)]
+        )
 
     def open(self) -> None:
         """Power the emulated board on; on a virtual clock, connect its driver."""
@@ -158,8 +171,10 @@ class VirtualRig:
         with self._body_lock:
             lengths = self.springs.advance(t)
             if len(lengths):
-                self._body.move(lengths @ self._face_mask.T / self._face_mask.sum(axis=1), STEP)
-            return BodyFrame(t - self.start, self._body.positions.copy(), self._body.springs)
+                unheated = np.full((len(lengths), 1), self._cold_length)
+                self._body.move(np.hstack([lengths, unheated])[:, self._coils], STEP)
+            body = self._body
+            return BodyFrame(t - self.start, body.positions.copy(), body.springs, body.discs)
 
     def watch(self, rate: float, on_frame: Callable[[BodyFrame], None]) -> None:
         """Call `on_frame` with a frame `rate` times a second of the rig's time, from `start` until the
@@ -200,3 +215,11 @@ class VirtualRig:
                 number = max(number + 1, math.ceil((self.clock.now() - self.start) * rate))  # missed ones
         except Exception as error:  # raised by `stop_watching`
             self._failure = error
+
+
+def _find_coil(rig: Rig, motor: int, face: Face) -> int:
+    """Number of the rig's channel that heats the coil of a motor on a face, or else the one on its other
+    face; the number of channels where none heats that motor."""
+    rank = {(c.spring, c.face): i for i, c in enumerate(rig.channels)}
+    other = FACES[1 - FACES.index(face)]
+    return rank.get((motor, face), rank.get((motor, other), len(rank)))

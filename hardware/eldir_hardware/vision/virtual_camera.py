@@ -1,11 +1,13 @@
-"""A virtual camera: the pictures of a robot in its plane of motion by a webcam on a tripod.
+"""A virtual camera: the pictures of a robot, in its plane of motion or out of it, by a webcam on a tripod.
 
 Lens, pose, light, exposure, ink and noise are samples of a seed; the trackers do not read them. Not modelled:
-motion blur, rolling shutter, specular light, thickness of the robot, focus that varies.
+motion blur, rolling shutter, specular light and shade, focus that varies; the thickness of a robot that
+stays in its plane.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,8 +19,10 @@ from eldir.core.arguments import require_value
 from eldir.core.records import FloatArray, IntArray
 from eldir_hardware.camera.lens import Lens
 from eldir_hardware.camera.plane import FieldOfView, Image, Plane, TagBoard
+from eldir_hardware.camera.projection import DiscPoses, Projection
 from eldir_hardware.markers.registration import DEFAULT_KIND, PALETTE, load_kind
 from eldir_hardware.markers.squares import paint_square, square_cells
+from eldir_hardware.vision.solid_robot import RobotShape, bounding_box, marker_surface, paint_solids
 
 _Picture = NDArray[Any]  # float32
 
@@ -83,6 +87,7 @@ class VirtualCamera:
         """Position of each pixel in the plane of motion [m], shape (H, W, 2)."""
         self._right = np.gradient(self.pixel_positions, axis=1)
         self._down = np.gradient(self.pixel_positions, axis=0)
+        self._view, self._shape = Projection.of(plane, focal), RobotShape()
         self.background = self._paint_background()
         # Twice as wide and high as a frame; every frame takes another window of it.
         self._grain = rng.normal(0.0, noise, (2 * size[1], 2 * size[0], 3)).astype(np.float32)
@@ -134,14 +139,55 @@ class VirtualCamera:
         """One frame, BGR: masses at `positions` (M, 2) [m], strips between `springs` (S, 2), markers
         m1, m2, ... on the masses `marked` (at most five)."""
         require_value("marked", len(marked) <= len(PALETTE), f"at most {len(PALETTE)} markers", len(marked))
+
+        def paint(albedo: _Picture, origin: tuple[int, int]) -> None:
+            self.paint_body(albedo, origin, positions, springs)
+            for name, mass in zip(PALETTE, marked, strict=False):
+                self.paint_marker(albedo, origin, positions[mass], name)
+
+        reach = max(1.5 * HUB_RADIUS, 0.6 * self.marker_kind.width)
+        return self._expose(
+            self._bounding_box(self._optics.plane.to_pixels(positions), positions, reach), paint
+        )
+
+    def render_solid(self, discs: DiscPoses, springs: IntArray, marked: IntArray) -> Image:
+        """One frame, BGR, of a robot with two faces that may have left the plane of motion; `springs` and
+        `marked` as of `render`. Markers are on the front discs."""
+        require_value("marked", len(marked) <= len(PALETTE), f"at most {len(PALETTE)} markers", len(marked))
+        solids = self._shape.solids(discs, springs)
+        surfaces = [marker_surface(self._view, discs, mass) for mass in marked.tolist()]
+
+        def paint(albedo: _Picture, origin: tuple[int, int]) -> None:
+            paint_solids(albedo, origin, self._view, solids, _SUBPIXELS)
+            for name, surface in zip(PALETTE, surfaces, strict=False):
+                if surface is not None:
+                    self._paint_marker_on(albedo, origin, surface, name)
+
+        pixels = self._view.to_pixels(np.concatenate(solids.corners))
+        front = discs.outsides[:, 0, [0, 2]]
+        return self._expose(self._bounding_box(pixels, front, 0.6 * self.marker_kind.width), paint)
+
+    def _bounding_box(
+        self, pixels: FloatArray, positions: FloatArray, reach: float
+    ) -> tuple[int, int, int, int] | None:
+        """Box around the pixels (N, 2) of a body at `positions` (M, 2), and what reaches farther [m]."""
+        if not len(positions):
+            return None
+        scale = float(self._optics.plane.pixels_per_metre(positions.mean(axis=0)))
+        return bounding_box(pixels, 4 + reach * scale, self.size)
+
+    def _expose(
+        self,
+        box: tuple[int, int, int, int] | None,
+        paint: Callable[[_Picture, tuple[int, int]], None],
+    ) -> Image:
+        """The picture, with what `paint` paints into the reflectance of a box from (x0, y0) to before
+        (x1, y1)."""
         picture = self._developed.copy()
-        box = self._bounding_box(positions)
         if box is not None:
             x0, y0, x1, y1 = box
             albedo = self._background[y0:y1, x0:x1].copy()
-            self.paint_body(albedo, (x0, y0), positions, springs)
-            for name, mass in zip(PALETTE, marked, strict=False):
-                self.paint_marker(albedo, (x0, y0), positions[mass], name)
+            paint(albedo, (x0, y0))
             albedo = cv2.GaussianBlur(albedo, (0, 0), self._optics.blur)
             picture[y0:y1, x0:x1] = self._develop(albedo, self._optics.light[y0:y1, x0:x1])
         dx, dy = (int(self._rng.integers(0, n + 1)) for n in self.size)
@@ -150,19 +196,6 @@ class VirtualCamera:
 
     def _develop(self, albedo: _Picture, light: _Picture) -> _Picture:
         return 255 * cv2.pow(np.clip(albedo * light, 0, 1), self._optics.tone)
-
-    def _bounding_box(self, positions: FloatArray) -> tuple[int, int, int, int] | None:
-        """Box of pixels that the body can cover, from (x0, y0) to before (x1, y1)."""
-        pixels = self._optics.plane.to_pixels(positions)
-        pixels = pixels[np.isfinite(pixels).all(axis=1)]
-        if not len(pixels):
-            return None
-        margin = 4 + max(
-            1.5 * HUB_RADIUS, 0.6 * self.marker_kind.width
-        ) * self._optics.plane.pixels_per_metre(positions.mean(axis=0))
-        x0, y0 = np.maximum(np.floor(pixels.min(axis=0) - margin), 0).astype(int)
-        x1, y1 = np.minimum(np.ceil(pixels.max(axis=0) + margin) + 1, self.size).astype(int)
-        return None if x0 >= x1 or y0 >= y1 else (x0, y0, x1, y1)
 
     def paint_body(
         self, albedo: _Picture, origin: tuple[int, int], positions: FloatArray, springs: IntArray
@@ -200,23 +233,47 @@ class VirtualCamera:
         if x0 >= x1 or y0 >= y1:
             return
         points = self._subpixels(x0, y0, x1, y1) - centre
-        cover, colour = self.marker_kind.paint(name, points, 1 / (scale * _SUBPIXELS))
+        self._blend_marker(albedo, origin, (x0, y0), points, name, 1 / (scale * _SUBPIXELS))
+
+    def _paint_marker_on(self, albedo: _Picture, origin: tuple[int, int], surface: Plane, name: str) -> None:
+        """Paint a marker around the origin of a flat surface."""
+        half = 0.6 * self.marker_kind.width
+        corners = surface.to_pixels(half * np.array([[-1.0, -1], [-1, 1], [1, -1], [1, 1]]))
+        size = origin[0] + albedo.shape[1], origin[1] + albedo.shape[0]
+        box = bounding_box(corners, 2, size)
+        if box is None:
+            return
+        x0, y0 = max(box[0], origin[0]), max(box[1], origin[1])
+        x1, y1 = box[2:]
+        if x1 - x0 < 2 or y1 - y0 < 2:
+            return
+        pixels = np.stack(np.meshgrid(np.arange(x0, x1), np.arange(y0, y1)), axis=-1).astype(np.float64)
+        at = surface.to_metres(pixels)
+        points = _spread(at, np.gradient(at, axis=1), np.gradient(at, axis=0))
+        scale = float(surface.pixels_per_metre(np.zeros(2)))
+        self._blend_marker(albedo, origin, (x0, y0), points, name, 1 / (scale * _SUBPIXELS))
+
+    def _blend_marker(
+        self,
+        albedo: _Picture,
+        origin: tuple[int, int],
+        corner: tuple[int, int],
+        points: FloatArray,
+        name: str,
+        width: float,
+    ) -> None:
+        """Blend a marker into the box of pixels that begins at `corner` and whose subpixels are at `points`
+        (h, w, _SUBPIXELS**2, 2) from the marker's centre [m], each as wide as `width` [m]."""
+        cover, colour = self.marker_kind.paint(name, points, width)
         colour = np.clip(colour, 0.02, 1) * self._optics.inks[name]
-        part = albedo[y0 - origin[1] : y1 - origin[1], x0 - origin[0] : x1 - origin[0]]
+        x, y = corner[0] - origin[0], corner[1] - origin[1]
+        part = albedo[y : y + len(points), x : x + points.shape[1]]
         part *= 1 - cover.mean(axis=2)[..., None]
         part += (cover[..., None] * colour).mean(axis=2)
 
     def _subpixels(self, x0: int, y0: int, x1: int, y1: int) -> FloatArray:
         """Centres of the subpixels of a box in the plane [m], shape (h, w, _SUBPIXELS**2, 2)."""
-        steps = (np.arange(_SUBPIXELS) + 0.5) / _SUBPIXELS - 0.5
-        dx, dy = (d.ravel() for d in np.meshgrid(steps, steps))
-        points = np.empty((y1 - y0, x1 - x0, _SUBPIXELS**2, 2))
-        for d in range(2):  # an axis of two as the innermost takes several times as long
-            at, right, down = (
-                a[y0:y1, x0:x1, None, d] for a in (self.pixel_positions, self._right, self._down)
-            )
-            points[..., d] = at + dx * right + dy * down
-        return points
+        return _spread(*(a[y0:y1, x0:x1] for a in (self.pixel_positions, self._right, self._down)))
 
     def _paint_background(self) -> _Picture:
         """Wall, table edge, and paper with a tag each: linear reflectance, shape (H, W, 3)."""
@@ -244,6 +301,17 @@ class VirtualCamera:
             x1, y1 = np.minimum(pixels.max(axis=0) + 3, self.size).astype(int)
             sheets.append(((x0, y0, x1, y1), centre, pattern))
         return sheets
+
+
+def _spread(at: FloatArray, right: FloatArray, down: FloatArray) -> FloatArray:
+    """Places of the subpixels of pixels at `at` (h, w, 2), with the steps to the next pixels to the right and
+    down (h, w, 2): shape (h, w, _SUBPIXELS**2, 2)."""
+    steps = (np.arange(_SUBPIXELS) + 0.5) / _SUBPIXELS - 0.5
+    dx, dy = (d.ravel() for d in np.meshgrid(steps, steps))
+    points = np.empty((*at.shape[:2], _SUBPIXELS**2, 2))
+    for d in range(2):  # an axis of two as the innermost takes several times as long
+        points[..., d] = at[..., None, d] + dx * right[..., None, d] + dy * down[..., None, d]
+    return points
 
 
 def sample_pose(rng: np.random.Generator, board: TagBoard, size: tuple[int, int]) -> tuple[float, Plane]:

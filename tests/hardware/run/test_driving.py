@@ -112,7 +112,7 @@ def test_no_log_is_left_by_a_run_that_never_began(schedule, folder):
 
 def test_the_body_goes_on_from_where_it_is(design):
     """Moved in one go or in pieces, it ends at the same place."""
-    lengths = np.linspace(0.025, 0.06, 40)[:, None].repeat(2, axis=1)
+    lengths = np.linspace(0.025, 0.06, 40)[:, None, None] * np.ones((2, 2))
     whole, pieces = (EngineBody(design.morphology, 5, SpringParameters()) for _ in range(2))
     whole.move(lengths, 0.05)
     for part in np.split(lengths, 8):

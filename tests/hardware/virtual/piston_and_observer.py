@@ -7,16 +7,17 @@ from eldir_hardware.virtual.springs import STEP
 
 
 class Piston:
-    """A body of one spring, as long as the first motor."""
+    """A body of one spring, as long as the coils of the first motor in the mean."""
 
     springs = np.array([[0, 1]], dtype=np.int32)
+    discs = None
 
     def __init__(self) -> None:
         self.positions = np.zeros((2, 2))
 
     def move(self, lengths: np.ndarray, interval: float) -> None:
-        assert interval == STEP and lengths.shape[1] == 2
-        self.positions = np.array([[0.0, 0.0], [lengths[-1, 0], 0.0]])
+        assert interval == STEP and lengths.shape[1:] == (2, 2)
+        self.positions = np.array([[0.0, 0.0], [lengths[-1, 0].mean(), 0.0]])
 
 
 class Notes:

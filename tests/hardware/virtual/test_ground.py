@@ -99,7 +99,7 @@ def test_a_body_of_the_rig_stands_on_the_terrain() -> None:
     corners = motion.positions[:, 1] - model.corner - ground.height(motion.positions[:, 0])
     assert -0.004 < corners.min() < 0.01
     plane_of_engine = EngineBody(body, 3, SpringParameters(), terrain=ground)
-    cold = np.full((20, body.motors), FREE[0])
+    cold = np.full((20, body.motors, 2), FREE[0])
     for there in (motion, plane_of_engine):
         there.move(cold, 0.05)
     centres = motion.positions - [0, model.corner]

@@ -20,8 +20,9 @@ from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.run.drive import DriveConfig, drive_rig
 from eldir_hardware.safety.compatibility import with_digests
 from eldir_hardware.schedule import ActuationSchedule
+from eldir_hardware.virtual.biplane_body import BiplaneBody
 from eldir_hardware.virtual.bodies import BodyProcess
-from eldir_hardware.virtual.mujoco_body import MujocoBody, OverlapCheck
+from eldir_hardware.virtual.mujoco_body import OverlapCheck
 from eldir_hardware.virtual.rig import BodyFrame
 from tests.eldir.random_design import make_design
 from tests.hardware.rigs_and_schedules import gait, rig_text
@@ -123,13 +124,18 @@ def test_without_mujoco_nothing_is_heated_and_no_log_is_left(
 
 
 def test_a_worker_process_moves_the_same_robot(folder: Path) -> None:
+    """Also one in space: the planar one crosses in the engine's test."""
     springs = Rig.load(folder / "rig.yaml").spring_parameters()
-    with BodyProcess("mujoco", DESIGN.morphology, 4, springs, DESIGN.ballast) as there:
-        here = MujocoBody(DESIGN.morphology, 4, springs, DESIGN.ballast)
-        lengths = np.full((5, DESIGN.morphology.motors), 0.9 * springs.cold_length)
-        here.move(lengths, 0.02)
-        there.move(lengths, 0.02)
+    given = DESIGN.morphology, 4, springs, DESIGN.ballast
+    with BodyProcess("mujoco", *given, dimensions=3) as there:
+        here = BiplaneBody(*given)
+        lengths = np.full((2, DESIGN.morphology.motors, 2), 0.9 * springs.cold_length)
+        for body in (here, there):
+            body.move(lengths, 0.05)
         np.testing.assert_array_equal(there.positions, here.positions)
+        assert there.discs is not None
+        for ours, theirs in zip(here.discs, there.discs, strict=True):
+            np.testing.assert_array_equal(ours, theirs)
         worker = there._process
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):  # as when a terminal is closed
             os.kill(worker.pid, number)

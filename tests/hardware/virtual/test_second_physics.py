@@ -288,7 +288,7 @@ def test_the_compiled_model_is_the_one_that_was_meant() -> None:
 
 
 def test_the_seed_decides_and_two_rigs_do_not_disturb_each_other() -> None:
-    lengths = np.linspace(FREE[0], FREE[1], 11)[1:, None] * np.ones(BODY.motors)
+    lengths = np.linspace(FREE[0], FREE[1], 11)[1:, None, None] * np.ones((BODY.motors, 2))
 
     def body(seed: int) -> MujocoBody:
         return MujocoBody(BODY, seed, SpringParameters())

@@ -74,14 +74,14 @@ def test_a_body_in_a_worker_process_moves_as_one_in_this_process_and_tells_what_
     with BodyProcess("eldir", design.morphology, 4, springs, design.ballast) as there:
         np.testing.assert_array_equal(there.positions, here.positions)
         np.testing.assert_array_equal(there.springs, here.springs)
-        lengths = np.full((5, design.morphology.motors), 0.9 * springs.cold_length)
+        lengths = np.full((5, design.morphology.motors, 2), 0.9 * springs.cold_length)
         here.move(lengths, 0.02)
         there.move(lengths, 0.02)
         np.testing.assert_array_equal(there.positions, here.positions)
         with pytest.raises(InputError, match="expected finite"):
-            there.move(np.full((1, design.morphology.motors), np.nan), 0.02)
+            there.move(np.full((1, design.morphology.motors, 2), np.nan), 0.02)
         with pytest.raises(EldirError, match="process died"):
-            there.move(np.full((1, design.morphology.motors), springs.cold_length), 0.02)
+            there.move(np.full((1, design.morphology.motors, 2), springs.cold_length), 0.02)
 
 
 def test_an_overlay_is_drawn_again_after_its_period(filmed):

@@ -17,6 +17,7 @@ from typing import Any
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
+from eldir.core.arguments import require_value
 from eldir.design import Design
 from eldir.errors import EldirError
 from eldir_hardware.rig.configuration import Rig
@@ -69,6 +70,13 @@ class VirtualBenchNode(Node):
         trace, link = find_file(self, "trace"), find_file(self, "port")
         self._trace = None if trace is None else opened.enter_context(trace.open("w", buffering=1))
         virtual, springs = rig.virtual, rig.spring_parameters()
+        require_value(
+            "virtual.dimensions",
+            virtual.dimensions == 2,
+            "2: the node's messages have places in the plane",
+            virtual.dimensions,
+            "drive this rig with `eldir rig drive`",
+        )
         body = opened.enter_context(
             BodyProcess(virtual.physics, design.morphology, virtual.seed, springs, design.ballast)
         )
