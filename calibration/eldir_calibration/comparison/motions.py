@@ -13,11 +13,18 @@ from eldir.core.worker_process import WorkerProcess
 from eldir.design import Design, Variant
 from eldir.errors import InputError
 from eldir.parameters.wiring import select_motors
+from eldir_calibration.comparison.departure import (
+    describe_departure,
+    measure_departure,
+    observe_standing,
+    require_whole_cycle,
+)
 from eldir_calibration.comparison.film import ground_in_film, render_film
 from eldir_calibration.comparison.predictions import SAMPLES, PredictedMotions, predict_runs
 from eldir_calibration.comparison.recorded_run import LoggedRun, RecordedRun, open_runs
 from eldir_calibration.report.comparison import Motion
 from eldir_calibration.report.controls import INTACT, FilmedRun, compare_with_others
+from eldir_calibration.report.numbers import OutOfPlaneNumbers
 from eldir_calibration.report.page import HeatingRecord, ReportInput
 from eldir_hardware.camera.plane import Image, Plane
 from eldir_hardware.log.mcap_file import fingerprint
@@ -45,6 +52,8 @@ class TrackedRun:
     plane: Plane
     frame: Image
     """The frame at the start of the cycles that count."""
+    departure: OutOfPlaneNumbers | None = None
+    """How far the robot was out of its plane; None if unknown."""
 
 
 def prepare_report(
@@ -97,6 +106,7 @@ def prepare_report(
         runs=filmed,
         others=compare_with_others(own, film.motion, predictions.others),
         quality=film.quality,
+        departure=film.departure,
         frame=film.frame,
         plane=film.plane,
         samples=predictions.samples,
@@ -124,6 +134,9 @@ def _remarks(
     """Remarks on the schedule, the tracking, incomplete logs and the plane of motion."""
     main, film = runs[0], tracked[0]
     remarks = [*_schedule_remarks(main.schedule), *film.quality.remarks(main.names)]
+    for run, one in zip(runs, tracked, strict=True):
+        if departed := describe_departure(one.departure):
+            remarks.append(departed if len(runs) == 1 else f"{run.log.path.name}: {departed}")
     remarks += [
         f"{run.log.path.name} holds {one.motion.cycles} of {run.schedule.cycles} cycles that count; "
         f"{run.ending}."
@@ -171,7 +184,12 @@ def track_run(run: LoggedRun, progress: Callable[[int], None]) -> TrackedRun:
     found = track_frames(source, plane, run.names, marker_layout(run.design), progress, run.rig.marker)
     frame = run.log.frame_from(run.schedule.start_of_cycles)
     frame = found.last_frame if frame is None else frame
-    return TrackedRun(run.motion(found.trajectory), found.quality, plane, frame)
+    lens = read_attached_lens(source)
+    standing = observe_standing(found, run.design, plane, None if lens is None else float(lens.focal_px[0]))
+    s = run.schedule
+    require_whole_cycle(standing, s.start_of_cycles + s.period_s, str(run.log.path))
+    motion = run.motion(standing.trajectory)
+    return TrackedRun(motion, found.quality, plane, frame, measure_departure(standing, motion))
 
 
 def _describe_wiring(run: RecordedRun) -> str:

@@ -191,6 +191,26 @@ class IdentificationGain(Record):
 
 
 @record
+class OutOfPlaneNumbers(Record):
+    """How far the robot was out of its plane of motion, as far as its markers tell: low, median and high of
+    95 %."""
+
+    yaw_deg: tuple[Number, Number, Number]
+    """Rotation about the vertical at the end of the cycles that count, to either side [degrees]."""
+    lean_deg: tuple[Number, Number, Number]
+    """Largest lean to either side in these cycles [degrees]."""
+    depth_share: tuple[Number, Number, Number]
+    """Distance of the markers behind the plane at the end, as a share of the camera's distance; negative
+    where they are nearer to the camera."""
+    walk_error: Size
+    """By how much the filmed walk may be wrong because of these [body lengths per five cycles]."""
+    certain: bool
+    """Whether the markers show that it left the plane; false where they agree with a robot in its plane."""
+    fell_at_s: Annotated[float, Rounded(3, ge=0)] | None
+    """When it fell over sideways [s]; null where it did not."""
+
+
+@record
 class ReportNumbers(FileRecord):
     """Written by `eldir report` as report.json. Lengths in metres at the built robot's pitch; null where a
     mass was not seen."""
@@ -224,3 +244,5 @@ class ReportNumbers(FileRecord):
     """Origin of the report, for the reader: versions, files, seeds."""
     identification: Annotated[IdentificationGain | None, OMITTED] = None
     """The prediction before and after `eldir calibrate dynamics`; only with --scene."""
+    out_of_plane: Annotated[OutOfPlaneNumbers | None, OMITTED] = None
+    """How far the robot was out of its plane; only if a strip joins two of its markers."""

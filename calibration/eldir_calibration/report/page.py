@@ -35,6 +35,7 @@ from eldir_calibration.report.controls import (
 from eldir_calibration.report.numbers import (
     IdentificationGain,
     MassNumbers,
+    OutOfPlaneNumbers,
     PredictionErrors,
     ReportNumbers,
     RunNumbers,
@@ -97,13 +98,17 @@ class ReportInput:
     plane: Plane | None = None
     film: bytes | None = None
     """WebM of the first log's cycles that count, with the predicted body over the camera's picture."""
+    departure: OutOfPlaneNumbers | None = None
+    """How far the robot was out of its plane; None if unknown."""
     wiring: Wiring = ()
     """Which relay channel heated which spring; empty if unknown."""
 
     @cached_property
     def verdict(self) -> ReportVerdict:
         """The main finding."""
-        return evaluate_prediction(self.predicted, self.tracked, self.samples)
+        left = self.departure is not None and self.departure.certain
+        error = self.departure.walk_error if left and self.departure else 0.0
+        return evaluate_prediction(self.predicted, self.tracked, self.samples, error)
 
 
 def write_report(content: ReportInput, folder: Path) -> MotionReport:
@@ -175,6 +180,7 @@ def _render_page(
         conclusions=summarise_controls(content.runs),
         others=content.others,
         quality=content.quality,
+        departure=content.departure,
         pictures=[(n, c, base64.b64encode(b).decode()) for n, (c, b) in pictures.items()],
         provenance=content.provenance,
         gain=gain,
@@ -269,6 +275,7 @@ def _report_numbers(
         (*report.warnings, *content.remarks),
         content.provenance,
         gain,
+        content.departure,
     )
 
 

@@ -157,12 +157,17 @@ class ReportVerdict:
         return " ".join([_describe_walk(self), *_describe_motions(self)])
 
 
-def evaluate_prediction(predicted: Motion, tracked: Motion, samples: SampledMotions | None) -> ReportVerdict:
-    """Compare the film with the samples of the predicted robot; without samples nothing is decided."""
+def evaluate_prediction(
+    predicted: Motion, tracked: Motion, samples: SampledMotions | None, film_error: float = 0.0
+) -> ReportVerdict:
+    """Compare the film with the samples of the predicted robot; without samples nothing is decided.
+    `film_error`: of the filmed walk of a robot that left its plane [body lengths per five cycles]."""
     names = tracked.trajectory.names
     samples = samples or SampledMotions.of([], len(names))
     walk = ComparedQuantity(
-        predicted.displacement(), prediction_interval(samples.walks), CycleMean.of(tracked.displacements())
+        predicted.displacement(),
+        prediction_interval(samples.walks),
+        _widen(CycleMean.of(tracked.displacements()), film_error),
     )
     motions: list[MarkerMotion] = []
     range_means = [CycleMean.of(r) for r in tracked.vertical_ranges().T]
@@ -203,6 +208,14 @@ def with_sample_intervals(report: MotionReport, verdict: ReportVerdict) -> Motio
         ranges=report.ranges | {"predicted": ranges},
         displacement_intervals=report.displacement_intervals | {"predicted": walk},
     )
+
+
+def _widen(mean: CycleMean, error: float) -> CycleMean:
+    """The mean with an interval that is wider by an error on both sides."""
+    if error == 0.0:
+        return mean
+    low, high = (mean.low, mean.high) if math.isfinite(mean.low) else (mean.mean, mean.mean)
+    return CycleMean(mean.mean, low - error, high + error)
 
 
 def _nonnegative_interval(values: FloatArray) -> CycleMean:

@@ -69,6 +69,8 @@ def assign_candidates(
 
     `allowed` (K, N): which candidate may be which marker. At most `max_missing` markers have no candidate.
     """
+    if not len(positions):
+        return []
     limits = max_distances(layout)
     none = np.array([-1] if max_missing else [], dtype=np.int32)
     branches = np.zeros((1, 0), dtype=np.int32)

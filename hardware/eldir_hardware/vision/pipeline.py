@@ -50,6 +50,8 @@ class TrackingResult:
     quality: TrackingQuality
     last_frame: Image
     """The last frame, for the overlay."""
+    sizes: FloatArray
+    """How large each marker appeared, relative to the first frame; NaN where not visible, shape (T, K)."""
 
 
 def track_frames(
@@ -95,7 +97,7 @@ def track_frames(
         math.nan if drift is None else drift.max_shift,
         tuple(tracker.notes),
     )
-    return TrackingResult(motion, quality, last_frame)
+    return TrackingResult(motion, quality, last_frame, np.array(sizes))
 
 
 def _undetected_error(tracker: MarkerTracker[Any], frames: int, last_frame: Image) -> InputError:

@@ -12,7 +12,7 @@ from eldir.core.records import FloatArray, Record, Rounded, record
 from eldir.trajectory import Trajectory
 
 MAX_SIZE_CHANGE = 0.05
-"""A marker whose apparent size changes by more than this share has left the plane."""
+"""A marker whose apparent size changes by more than this share has left the plane, or tilted."""
 _SMOOTHING_FRAMES = 5  # frames over whose median a marker's size is smoothed
 
 
@@ -102,8 +102,8 @@ class TrackingQuality(Record):
         if tilted:
             worst = max(c for c in self.size_change if np.isfinite(c))
             remarks.append(
-                f"{', '.join(tilted)} left the plane of motion: apparent size and distance to the camera "
-                f"changed by up to {worst:.0%}, which scales the measured positions by as much."
+                f"{', '.join(tilted)} left the plane of motion or tilted: apparent size changed by up to "
+                f"{worst:.0%}; if the distance to the camera did, measured positions are scaled by as much."
             )
         if self.camera_drift_px > 0.5:
             remarks.append(f"The reference tags drifted by {self.camera_drift_px:.1f} px: fasten the camera.")

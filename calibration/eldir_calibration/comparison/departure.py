@@ -1,0 +1,127 @@
+"""Whether a filmed robot left its plane of motion, and by how much its walk is then uncertain."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from eldir.built.gait import CYCLES
+from eldir.core.records import IntArray
+from eldir.design import Design
+from eldir.errors import InputError
+from eldir.trajectory import Trajectory
+from eldir_cad.kit.specification import load_specification
+from eldir_calibration.report.comparison import Motion
+from eldir_calibration.report.numbers import OutOfPlaneNumbers
+from eldir_hardware.camera.plane import Plane
+from eldir_hardware.vision.out_of_plane import Interval95, PlaneDeparture, PlaneObserver
+from eldir_hardware.vision.pipeline import TrackingResult
+
+_WINDOW_S = 2.0  # over which a robot's place and lean are estimated
+_WINDOWS = 12  # over the cycles that count, for the largest lean
+
+
+@dataclass(frozen=True)
+class Standing:
+    """A filmed motion up to a fall, and what tells how the robot stands."""
+
+    observer: PlaneObserver
+    trajectory: Trajectory
+    """Of the markers, up to the fall if there is one."""
+    fell_at_s: float | None
+    """When the robot fell over sideways; None where it did not."""
+
+
+def observe_standing(found: TrackingResult, design: Design, plane: Plane, focal: float | None) -> Standing:
+    """Cut a film where the robot falls over. `focal` [px]: of a calibrated lens."""
+    observer = PlaneObserver(found.trajectory, found.sizes, marked_strips(design), plane, focal)
+    path, fell = found.trajectory, observer.find_fall()
+    if fell is None:
+        return Standing(observer, path, None)
+    until = path.times <= fell
+    standing = replace(
+        path, times=path.times[until], positions=path.positions[until], bridged=path.bridged[until]
+    )
+    return Standing(observer, standing, fell)
+
+
+def require_whole_cycle(standing: Standing, first_cycle_end: float, name: str) -> None:
+    """Raise `InputError` where the robot fell before the first cycle that counts had ended [s]."""
+    fell = standing.fell_at_s
+    if fell is not None and fell < first_cycle_end:
+        raise InputError(
+            f"{name}: the robot fell over sideways before its first cycle that counts had ended",
+            code="film.fell",
+            expected=f"a robot that stands for {first_cycle_end:.0f} s",
+            found=f"a fall at {fell:.1f} s",
+            remedy="compare the currents and the free lengths of both faces' springs, and film it again",
+        )
+
+
+def measure_departure(standing: Standing, motion: Motion) -> OutOfPlaneNumbers | None:
+    """How the robot stood over the cycles that count; None where no strip joins two markers that were
+    seen."""
+    begin, end = motion.start, motion.start + motion.cycles * motion.period
+    times = np.linspace(begin, end - _WINDOW_S, _WINDOWS)
+    poses = [p for t in times.tolist() if (p := standing.observer.estimate(t, t + _WINDOW_S)) is not None]
+    if not poses:
+        return None
+    lean = max((pose.lean for pose in poses), key=lambda found: (found.low, found.median))
+    last, half_width = poses[-1], 1e-3 * load_specification().outside
+    errors = [pose.path_error(half_width, motion.body_length / 2) for pose in (poses[0], last)]
+    return OutOfPlaneNumbers(
+        _degrees(last.yaw),
+        _degrees(lean),
+        (last.depth.low, last.depth.median, last.depth.high),
+        math.hypot(*errors) / motion.body_length * CYCLES / motion.cycles,
+        _is_certain(poses),
+        standing.fell_at_s,
+    )
+
+
+def marked_strips(design: Design) -> IntArray:
+    """Pairs of markers, by their numbers from 0, that a strip joins, shape (P, 2)."""
+    number = {mass: k for k, mass in enumerate(design.marks.tolist())}
+    strips = design.morphology.springs[~design.morphology.active].tolist()
+    pairs = [(number[a], number[b]) for a, b in strips if a in number and b in number]
+    return np.array(pairs, int).reshape(-1, 2)
+
+
+def describe_departure(found: OutOfPlaneNumbers | None) -> str:
+    """One sentence for a reader of the walk; empty for a robot that stays in its plane as far as its markers
+    tell."""
+    if found is None:
+        return ""
+    fell = "" if found.fell_at_s is None else f"The robot fell over sideways at {found.fell_at_s:.1f} s. "
+    if not found.certain:
+        return fell.strip()
+    depth = found.depth_share
+    where = "behind" if depth[1] > 0 else "before"
+    low, high = sorted(abs(v) for v in (depth[0], depth[2]))
+    share = f"{abs(depth[1]):.1%} ({low:.1%} to {high:.1%}) of the camera's distance {where} it"
+    if depth[0] * depth[2] <= 0:
+        share = f"within {high:.1%} of the camera's distance of it"
+    return (
+        f"{fell}The robot left its plane of motion: at the end its markers were {share}, it had turned by "
+        f"{_angle(found.yaw_deg)}, and leaned by {_angle(found.lean_deg)}. Its filmed walk is uncertain by "
+        f"{found.walk_error:.2f} body lengths per five cycles for that."
+    )
+
+
+def _is_certain(poses: list[PlaneDeparture]) -> bool:
+    """Whether the last two poses, or a quarter, show that the robot is out of its plane: one may be wrong."""
+    certain = [pose.is_certain for pose in poses]
+    return all(certain[-2:]) or 4 * sum(certain) >= len(certain)
+
+
+def _degrees(interval: Interval95) -> tuple[float, float, float]:
+    low, median, high = np.degrees([interval.low, interval.median, interval.high]).tolist()
+    return low, median, high
+
+
+def _angle(interval: tuple[float, float, float]) -> str:
+    """Such as "at most 12 degrees"."""
+    low, median, high = interval
+    return f"{median:.0f} ({low:.0f} to {high:.0f}) degrees" if low > 0 else f"at most {high:.0f} degrees"
