@@ -20,7 +20,7 @@ from eldir_hardware.vision.out_of_plane import Interval95, PlaneDeparture, Plane
 from eldir_hardware.vision.pipeline import TrackingResult
 
 _WINDOW_S = 2.0  # over which a robot's place and lean are estimated
-_WINDOWS = 12  # over the cycles that count, for the largest lean
+_WINDOWS = 12  # over the cycles that count
 
 
 @dataclass(frozen=True)
@@ -68,12 +68,11 @@ def measure_departure(standing: Standing, motion: Motion) -> OutOfPlaneNumbers |
     poses = [p for t in times.tolist() if (p := standing.observer.estimate(t, t + _WINDOW_S)) is not None]
     if not poses:
         return None
-    lean = max((pose.lean for pose in poses), key=lambda found: (found.low, found.median))
     last, half_width = poses[-1], 1e-3 * load_specification().outside
     errors = [pose.path_error(half_width, motion.body_length / 2) for pose in (poses[0], last)]
     return OutOfPlaneNumbers(
         _degrees(last.yaw),
-        _degrees(lean),
+        _degrees(_frequent_lean(poses)),
         (last.depth.low, last.depth.median, last.depth.high),
         math.hypot(*errors) / motion.body_length * CYCLES / motion.cycles,
         _is_certain(poses),
@@ -114,6 +113,15 @@ def _is_certain(poses: list[PlaneDeparture]) -> bool:
     """Whether the last two poses, or a quarter, show that the robot is out of its plane: one may be wrong."""
     certain = [pose.is_certain for pose in poses]
     return all(certain[-2:]) or 4 * sum(certain) >= len(certain)
+
+
+def _frequent_lean(poses: list[PlaneDeparture]) -> Interval95:
+    """The lean that a quarter of the poses reach, by their low ends and medians, and the largest high end: of
+    twelve intervals one may well lie beside the truth."""
+    columns = zip(*((p.lean.low, p.lean.median, p.lean.high) for p in poses), strict=True)
+    low, median, high = (sorted(column, reverse=True) for column in columns)
+    rank = (len(poses) + 3) // 4 - 1
+    return Interval95(low[rank], median[rank], high[0])
 
 
 def _degrees(interval: Interval95) -> tuple[float, float, float]:

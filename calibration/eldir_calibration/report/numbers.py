@@ -44,7 +44,7 @@ class ComparedNumbers(Record):
     tracked: Number
     """Filmed value; null if nothing was filmed."""
     tracked_interval: Interval
-    """95 % over cycles."""
+    """95 % over cycles; wider for a robot that left its plane."""
     agreement: AgreementLevel | None
     """agrees: the film lies within the prediction's interval; undecided: only its own interval reaches
     inside; disagrees; null: unknown."""
@@ -198,7 +198,8 @@ class OutOfPlaneNumbers(Record):
     yaw_deg: tuple[Number, Number, Number]
     """Rotation about the vertical at the end of the cycles that count, to either side [degrees]."""
     lean_deg: tuple[Number, Number, Number]
-    """Largest lean to either side in these cycles [degrees]."""
+    """Lean to either side [degrees]: what it reaches in a quarter of these cycles by low end and median, and
+    the largest high end."""
     depth_share: tuple[Number, Number, Number]
     """Distance of the markers behind the plane at the end, as a share of the camera's distance; negative
     where they are nearer to the camera."""

@@ -135,6 +135,9 @@ class ReportVerdict:
     """Samples that fell, folded or buckled a coil."""
     motions: tuple[MarkerMotion, ...]
     """Vertical range and horizontal swing of every marker."""
+    film_error: float = 0.0
+    """By how much the film's interval is wider because the robot left its plane [body lengths per five
+    cycles]."""
 
     @property
     def worst(self) -> MarkerMotion | None:
@@ -188,7 +191,7 @@ def evaluate_prediction(
                     quantity,
                 )
             )
-    return ReportVerdict(walk, len(samples.walks), samples.fell, tuple(motions))
+    return ReportVerdict(walk, len(samples.walks), samples.fell, tuple(motions), film_error)
 
 
 def with_sample_intervals(report: MotionReport, verdict: ReportVerdict) -> MotionReport:
@@ -229,7 +232,8 @@ def _too_few_samples(v: ReportVerdict) -> str:
 
 def _describe_walk(v: ReportVerdict) -> str:
     walk, filmed = v.walk, v.walk.tracked
-    interval = f" ({filmed.low:+.2f} to {filmed.high:+.2f} over cycles)" if math.isfinite(filmed.low) else ""
+    of = "over cycles and out of the plane" if v.film_error else "over cycles"
+    interval = f" ({filmed.low:+.2f} to {filmed.high:+.2f} {of})" if math.isfinite(filmed.low) else ""
     camera = f"Filmed: {filmed.mean:+.2f}{interval}." if math.isfinite(filmed.mean) else "Nothing was filmed."
     if walk.agreement is None:
         alone = f"{walk.nominal:+.2f} body lengths per five cycles, for the most probable parameters"

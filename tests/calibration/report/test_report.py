@@ -13,9 +13,10 @@ import pytest
 from matplotlib.image import imread
 
 from eldir.errors import EldirError
-from eldir_calibration.report.numbers import ReportNumbers
+from eldir_calibration.report.numbers import OutOfPlaneNumbers, ReportNumbers
 from eldir_calibration.report.page import write_report
 from eldir_calibration.report.verdict import SampledMotions
+from eldir_hardware.vision.tracking_quality import TrackingQuality
 from tests.calibration.report.report_input import SCHEMA, content
 from tests.calibration.report.striding_walkers import walker
 from tests.paths import DATA
@@ -98,11 +99,17 @@ def test_the_page_opens_with_the_finding_and_the_film(tmp_path: Path) -> None:
     samples = SampledMotions(
         np.array([0.4, 0.45, 0.5, 0.55, 0.6]), np.full((5, 2), 0.012), np.full((5, 2), 0.01)
     )
-    write_report(content(samples=samples, film=b"a film"), tmp_path / "report")
+    departure = OutOfPlaneNumbers((0, 8, 19), (5, 8, 11), (-0.04, -0.03, -0.02), 0.07, True, None)
+    path = walker().trajectory
+    quality = TrackingQuality.of(path, np.ones((len(path.times), 2)))
+    told = content(samples=samples, film=b"a film", quality=quality, departure=departure)
+    write_report(told, tmp_path / "report")
     page = (tmp_path / "report" / "index.html").read_text()
     assert (tmp_path / "report" / "film.webm").read_bytes() == b"a film"
     verdict = json.loads((tmp_path / "report" / "report.json").read_text())["verdict"]
     walk = verdict["body_lengths_per_5_cycles"]
+    assert "turned about the vertical by at most\n19 degrees at the end, leaned by at most 11" in page
+    assert "wrong by 0.07 body lengths" in page and "as they do here" in page
     assert f'<section class="headline {walk["agreement"]}"' in page
     head = page[page.index("<section") : page.index("</section>")]
     low, high = walk["predicted_interval"]

@@ -85,6 +85,15 @@ def test_scatter_over_cycles_is_not_the_interval():
     assert v.walk.agreement == "agrees"
 
 
+def test_a_walk_out_of_the_plane_is_less_certain():
+    """What the film alone would refute is not decided where the robot may have turned as far."""
+    predicted, film = walker(speed=0.0105), walker(speed=0.0300, noise=1e-5)
+    flat, left = (evaluate_prediction(predicted, film, sampled(), error) for error in (0.0, 0.3))
+    assert (flat.walk.agreement, left.walk.agreement) == ("disagrees", "undecided")
+    assert left.walk.tracked.low == pytest.approx(flat.walk.tracked.low - 0.3)
+    assert "over cycles and out of the plane)" in left.text and "out of the plane" not in flat.text
+
+
 def test_the_motion_that_disagrees_most_is_named():
     """Marker two lifts twice as far as marker one; only its lift is wrong on film."""
     film = walker()
