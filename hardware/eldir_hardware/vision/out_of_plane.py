@@ -22,6 +22,8 @@ _LENGTH_ERROR, _SIZE_ERROR = 0.008, 0.03
 """Relative errors of an apparent length of a strip and of an apparent size of a marker, standard deviations:
 so that the intervals hold what MuJoCo knows (docs/reference/second-physics-measured.md). Within the length's
 are hubs that turn by 15 degrees and strips that lean by their play."""
+_INDEPENDENT_STRIPS = 2
+"""More strips count as this many: hubs that turn shorten several at once."""
 _YAW_SPREAD, _LEAN_SPREAD, _DEPTH_SPREAD = np.radians(20.0), np.radians(8.0), 0.04
 """Prior standard deviations: of robots with both faces in MuJoCo. Depth: share of the camera's distance."""
 _ASSUMED_FOCAL = 1.1
@@ -121,9 +123,10 @@ class PlaneObserver:
         middle = places[seen].mean(axis=0)
         offsets = {k: self._offset(places[k], middle) for k in np.flatnonzero(seen).tolist()}
         misfit = (_YAW / _YAW_SPREAD) ** 2 + (_LEAN / _LEAN_SPREAD) ** 2 + (_DEPTH / _DEPTH_SPREAD) ** 2
+        together = min(1.0, _INDEPENDENT_STRIPS / len(strips))
         for a, b, length in strips:
             found = np.sqrt(sum((u - v) ** 2 for u, v in zip(offsets[a], offsets[b], strict=True)))
-            misfit = misfit + ((found / length - 1) / _LENGTH_ERROR) ** 2
+            misfit = misfit + together * ((found / length - 1) / _LENGTH_ERROR) ** 2
         for k, (x, depth, z) in offsets.items():
             if np.isfinite(sizes[k]):
                 # A disc's area by the angle at which it is seen, and by its distance.
