@@ -87,4 +87,4 @@ def test_intervals_hold_what_mujoco_knows(seed: int, apart: float) -> None:
         f"{100 * end.depth.high:.1f} | {100 * np.mean(errors):.1f} | {1e3 * error:.1f} | {1e3 * bound:.1f} |"
     )
     assert (np.mean(held, axis=0) > 0.85).all()
-    assert error < bound and observer.find_fall() is None
+    assert error < bound and observer.find_loss() is None

@@ -16,7 +16,7 @@ from eldir_cad.kit.specification import load_specification
 from eldir_calibration.report.comparison import Motion
 from eldir_calibration.report.numbers import OutOfPlaneNumbers
 from eldir_hardware.camera.plane import Plane
-from eldir_hardware.vision.out_of_plane import Interval95, PlaneDeparture, PlaneObserver
+from eldir_hardware.vision.out_of_plane import Interval95, MarkerLoss, PlaneDeparture, PlaneObserver
 from eldir_hardware.vision.pipeline import TrackingResult
 
 _WINDOW_S = 2.0  # over which a robot's place and lean are estimated
@@ -25,39 +25,63 @@ _WINDOWS = 12  # over the cycles that count
 
 @dataclass(frozen=True)
 class Standing:
-    """A filmed motion up to a fall, and what tells how the robot stands."""
+    """A filmed motion up to the loss of all markers, and what tells how the robot stands."""
 
     observer: PlaneObserver
     trajectory: Trajectory
-    """Of the markers, up to the fall if there is one."""
-    fell_at_s: float | None
-    """When the robot fell over sideways; None where it did not."""
+    """Of the markers, up to their loss if there is one."""
+    loss: MarkerLoss | None
+    """When all markers vanished for good, such as in a fall; None where they did not."""
 
 
 def observe_standing(found: TrackingResult, design: Design, plane: Plane, focal: float | None) -> Standing:
-    """Cut a film where the robot falls over. `focal` [px]: of a calibrated lens."""
+    """Cut a film where no marker is seen any more: their last places would count as a robot that stands
+    still. `focal` [px]: of a calibrated lens."""
     observer = PlaneObserver(found.trajectory, found.sizes, marked_strips(design), plane, focal)
-    path, fell = found.trajectory, observer.find_fall()
-    if fell is None:
+    path, loss = found.trajectory, observer.find_loss()
+    if loss is None:
         return Standing(observer, path, None)
-    until = path.times <= fell
+    until = path.times <= loss.last_seen_s
     standing = replace(
         path, times=path.times[until], positions=path.positions[until], bridged=path.bridged[until]
     )
-    return Standing(observer, standing, fell)
+    return Standing(observer, standing, loss)
 
 
 def require_whole_cycle(standing: Standing, first_cycle_end: float, name: str) -> None:
-    """Raise `InputError` where the robot fell before the first cycle that counts had ended [s]."""
-    fell = standing.fell_at_s
-    if fell is not None and fell < first_cycle_end:
+    """Raise `InputError` where all markers vanished before the first cycle that counts had ended [s]."""
+    loss = standing.loss
+    if loss is not None and loss.last_seen_s < first_cycle_end:
         raise InputError(
-            f"{name}: the robot fell over sideways before its first cycle that counts had ended",
-            code="film.fell",
-            expected=f"a robot that stands for {first_cycle_end:.0f} s",
-            found=f"a fall at {fell:.1f} s",
-            remedy="compare the currents and the free lengths of both faces' springs, and film it again",
+            f"{name}: no marker is seen until the first cycle that counts ends",
+            code="film.lost",
+            expected=f"a robot that stands, and is seen, for {first_cycle_end:.0f} s",
+            found=describe_loss(loss),
+            remedy="see on the film what happened; faces that heat differently make a robot fall sideways",
         )
+
+
+def describe_loss(loss: MarkerLoss | None) -> str:
+    """A phrase on how the robot got out of sight; empty where it did not."""
+    if loss is None:
+        return ""
+    if loss.fell:
+        return f"the robot fell over sideways at {loss.last_seen_s:.1f} s"
+    return f"no marker after {loss.last_seen_s:.1f} s: it fell over, left the picture or was covered"
+
+
+def describe_lost_cycles(loss: MarkerLoss | None) -> str:
+    """A sentence for a reader of the walk; empty where the robot stayed in sight."""
+    if loss is None:
+        return ""
+    if loss.fell:
+        return (
+            f"The robot fell over sideways at {loss.last_seen_s:.1f} s: only cycles that ended before count."
+        )
+    return (
+        f"No marker was seen after {loss.last_seen_s:.1f} s: the robot fell over, left the picture or was "
+        "covered. Only cycles that ended before count."
+    )
 
 
 def measure_departure(standing: Standing, motion: Motion) -> OutOfPlaneNumbers | None:
@@ -76,7 +100,8 @@ def measure_departure(standing: Standing, motion: Motion) -> OutOfPlaneNumbers |
         (last.depth.low, last.depth.median, last.depth.high),
         math.hypot(*errors) / motion.body_length * CYCLES / motion.cycles,
         _is_certain(poses),
-        standing.fell_at_s,
+        None if standing.loss is None else standing.loss.last_seen_s,
+        standing.loss is not None and standing.loss.fell,
     )
 
 
@@ -91,11 +116,8 @@ def marked_strips(design: Design) -> IntArray:
 def describe_departure(found: OutOfPlaneNumbers | None) -> str:
     """One sentence for a reader of the walk; empty for a robot that stays in its plane as far as its markers
     tell."""
-    if found is None:
+    if found is None or not found.certain:
         return ""
-    fell = "" if found.fell_at_s is None else f"The robot fell over sideways at {found.fell_at_s:.1f} s. "
-    if not found.certain:
-        return fell.strip()
     depth = found.depth_share
     where = "behind" if depth[1] > 0 else "before"
     low, high = sorted(abs(v) for v in (depth[0], depth[2]))
@@ -103,7 +125,7 @@ def describe_departure(found: OutOfPlaneNumbers | None) -> str:
     if depth[0] * depth[2] <= 0:
         share = f"within {high:.1%} of the camera's distance of it"
     return (
-        f"{fell}The robot left its plane of motion: at the end its markers were {share}, it had turned by "
+        f"The robot left its plane of motion: at the end its markers were {share}, it had turned by "
         f"{_angle(found.yaw_deg)}, and leaned by {_angle(found.lean_deg)}. Its filmed walk is uncertain by "
         f"{found.walk_error:.2f} body lengths per five cycles for that."
     )

@@ -15,6 +15,7 @@ from eldir.errors import InputError
 from eldir.parameters.wiring import select_motors
 from eldir_calibration.comparison.departure import (
     describe_departure,
+    describe_lost_cycles,
     measure_departure,
     observe_standing,
     require_whole_cycle,
@@ -30,6 +31,7 @@ from eldir_hardware.camera.plane import Image, Plane
 from eldir_hardware.log.mcap_file import fingerprint
 from eldir_hardware.safety.compatibility import compare_wiring, packet_wiring
 from eldir_hardware.schedule import ActuationSchedule
+from eldir_hardware.vision.out_of_plane import MarkerLoss
 from eldir_hardware.vision.pipeline import draw_overlay, track_frames
 from eldir_hardware.vision.printed_ground import NOT_DRAWN, ON_GROUND
 from eldir_hardware.vision.recording_setup import find_recorded_plane, marker_layout, read_attached_lens
@@ -54,6 +56,8 @@ class TrackedRun:
     """The frame at the start of the cycles that count."""
     departure: OutOfPlaneNumbers | None = None
     """How far the robot was out of its plane; None if unknown."""
+    loss: MarkerLoss | None = None
+    """When all markers vanished for good; None where they did not."""
 
 
 def prepare_report(
@@ -135,8 +139,8 @@ def _remarks(
     main, film = runs[0], tracked[0]
     remarks = [*_schedule_remarks(main.schedule), *film.quality.remarks(main.names)]
     for run, one in zip(runs, tracked, strict=True):
-        if departed := describe_departure(one.departure):
-            remarks.append(departed if len(runs) == 1 else f"{run.log.path.name}: {departed}")
+        for remark in filter(None, (describe_lost_cycles(one.loss), describe_departure(one.departure))):
+            remarks.append(remark if len(runs) == 1 else f"{run.log.path.name}: {remark}")
     remarks += [
         f"{run.log.path.name} holds {one.motion.cycles} of {run.schedule.cycles} cycles that count; "
         f"{run.ending}."
@@ -189,7 +193,11 @@ def track_run(run: LoggedRun, progress: Callable[[int], None]) -> TrackedRun:
     s = run.schedule
     require_whole_cycle(standing, s.start_of_cycles + s.period_s, str(run.log.path))
     motion = run.motion(standing.trajectory)
-    return TrackedRun(motion, found.quality, plane, frame, measure_departure(standing, motion))
+    if standing.loss is not None:
+        whole = int((standing.loss.last_seen_s - s.start_of_cycles) / s.period_s)
+        motion = replace(motion, cycles=min(motion.cycles, whole))
+    departure = measure_departure(standing, motion)
+    return TrackedRun(motion, found.quality, plane, frame, departure, standing.loss)
 
 
 def _describe_wiring(run: RecordedRun) -> str:

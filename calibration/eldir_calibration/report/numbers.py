@@ -207,8 +207,10 @@ class OutOfPlaneNumbers(Record):
     """By how much the filmed walk may be wrong because of these [body lengths per five cycles]."""
     certain: bool
     """Whether the markers show that it left the plane; false where they agree with a robot in its plane."""
-    fell_at_s: Annotated[float, Rounded(3, ge=0)] | None
-    """When it fell over sideways [s]; null where it did not."""
+    last_seen_s: Annotated[float, Rounded(3, ge=0)] | None
+    """When all markers vanished for good [s]; null where they did not. Only cycles before it count."""
+    fell: bool
+    """Whether the markers show that it fell over sideways then."""
 
 
 @record

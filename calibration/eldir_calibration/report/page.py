@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -106,9 +106,14 @@ class ReportInput:
     @cached_property
     def verdict(self) -> ReportVerdict:
         """The main finding."""
-        left = self.departure is not None and self.departure.certain
-        error = self.departure.walk_error if left and self.departure else 0.0
-        return evaluate_prediction(self.predicted, self.tracked, self.samples, error)
+        departure = self.departure
+        error = departure.walk_error if departure is not None and departure.certain else 0.0
+        verdict = evaluate_prediction(self.predicted, self.tracked, self.samples, error)
+        if departure is None or departure.last_seen_s is None:
+            return verdict
+        how = "fell over sideways" if departure.fell else "was lost"
+        lost = f"But the robot {how} at {departure.last_seen_s:.1f} s; only cycles that ended before count."
+        return replace(verdict, lost=lost)
 
 
 def write_report(content: ReportInput, folder: Path) -> MotionReport:

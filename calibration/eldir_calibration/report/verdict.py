@@ -138,6 +138,8 @@ class ReportVerdict:
     film_error: float = 0.0
     """By how much the film's interval is wider because the robot left its plane [body lengths per five
     cycles]."""
+    lost: str = ""
+    """How the robot got out of sight before the end of the run; empty where it did not."""
 
     @property
     def worst(self) -> MarkerMotion | None:
@@ -147,9 +149,9 @@ class ReportVerdict:
 
     @property
     def sentence(self) -> str:
-        """Whether they agree, in one sentence."""
+        """Whether they agree, in one sentence; in a second one whether the robot was lost."""
         if self.walk.agreement is not None:
-            return _AGREEMENT_SENTENCES[self.walk.agreement]
+            return " ".join(filter(None, (_AGREEMENT_SENTENCES[self.walk.agreement], self.lost)))
         if not math.isfinite(self.walk.tracked.mean):
             return "It is unknown whether they agree: nothing was filmed."
         return f"It is unknown whether they agree: {_too_few_samples(self)}."

@@ -32,8 +32,8 @@ that they hardly depend on it."""
 _FALL_LENGTH = 0.95
 """Apparent length of strips just before all markers vanish, relative to a second before, below which the
 robot is falling. At ten pictures a second a fall is seen in two or three."""
-_FALL_S = 1.0
-"""Time before a fall with which lengths are compared, and without markers after it [s]."""
+_LOSS_S = 1.0
+"""Time before all markers vanish with which lengths are compared, and least time without them [s]."""
 
 
 @dataclass(frozen=True)
@@ -74,6 +74,17 @@ class PlaneDeparture:
         largest = max(abs(self.depth.low), abs(self.depth.high)) * abs(self.markers_x - self.foot_x)
         turned = half_width * np.sin(self.yaw.high) + half_length * (1 - np.cos(self.yaw.high))
         return float(np.hypot(largest, turned))
+
+
+@dataclass(frozen=True)
+class MarkerLoss:
+    """All markers vanished until the end of the film."""
+
+    last_seen_s: float
+    """Time of the last picture with a marker [s]."""
+    fell: bool
+    """Whether the strips looked shorter just before: the robot fell over sideways. A faster fall, a robot
+    that leaves the picture, and one that is covered look alike."""
 
 
 class PlaneObserver:
@@ -151,20 +162,18 @@ class PlaneObserver:
         stretch = far / (self._distance - _SLOPE_X * x - _SLOPE_Z * z)
         return stretch * x, (stretch - 1) * self._distance, stretch * z
 
-    def find_fall(self) -> float | None:
-        """When the robot fell over sideways [s]: its strips looked shorter, and then no marker was seen any
-        more. None where it did not, or where the film does not show it."""
+    def find_loss(self) -> MarkerLoss | None:
+        """When all markers vanished for good; None where some are seen until a second before the end, or none
+        ever was."""
         lengths, times = self._lengths, self._path.times
-        seen = np.flatnonzero(np.isfinite(lengths).any(axis=1))
-        if not len(seen) or times[-1] - times[seen[-1]] < _FALL_S:
+        seen = np.flatnonzero(np.isfinite(self._path.positions).any(axis=(1, 2)))
+        if not len(seen) or times[-1] - times[seen[-1]] < _LOSS_S:
             return None
-        last = times[seen[-1]]
-        if np.isfinite(self._path.positions[times > last + _FALL_S / 2]).any():
-            return None
-        before = _medians(lengths, (times <= last - _FALL_S / 2) & (times >= last - 3 * _FALL_S / 2))
-        recent = lengths[times > last - _FALL_S / 2] / before
-        fallen = np.isfinite(recent).any() and float(np.nanmin(recent)) < _FALL_LENGTH
-        return float(last) if fallen else None
+        last = float(times[seen[-1]])
+        before = _medians(lengths, (times <= last - _LOSS_S / 2) & (times >= last - 3 * _LOSS_S / 2))
+        recent = lengths[times > last - _LOSS_S / 2] / before
+        fell = np.isfinite(recent).any() and float(np.nanmin(recent)) < _FALL_LENGTH
+        return MarkerLoss(last, bool(fell))
 
 
 _YAWS, _LEANS = np.radians(np.arange(-50.0, 51.0, 5.0)), np.radians(np.arange(-50.0, 51.0, 2.5))

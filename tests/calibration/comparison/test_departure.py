@@ -11,6 +11,7 @@ from eldir.errors import InputError
 from eldir.trajectory import Trajectory
 from eldir_calibration.comparison.departure import (
     describe_departure,
+    describe_lost_cycles,
     marked_strips,
     measure_departure,
     observe_standing,
@@ -60,7 +61,7 @@ def test_a_robot_that_comes_nearer_is_told_with_the_error_of_its_walk(behind: fl
     depth = behind * np.clip((TIMES - 5) / 20, 0, 1)
     found = tracked(depth, np.ones_like(TIMES))
     standing = observe_standing(found, DESIGN, CAMERA.plane, None)
-    assert standing.fell_at_s is None and standing.trajectory is found.trajectory
+    assert standing.loss is None and standing.trajectory is found.trajectory
     motion = Motion(standing.trajectory, 5.0, 12.0, 2, 0.3)
     told = measure_departure(standing, motion)
     assert told is not None and told.certain == (behind != 0.0)
@@ -74,22 +75,30 @@ def test_a_robot_that_comes_nearer_is_told_with_the_error_of_its_walk(behind: fl
         assert "turned by at most" in text and f"uncertain by {told.walk_error:.2f} body lengths" in text
 
 
-def test_a_fall_ends_the_walk_and_is_said() -> None:
-    """After a fall no cycle counts; before the first one had ended there is nothing to report."""
-    shrink = np.where(TIMES > 20.7, np.cos(np.clip(TIMES - 20.7, 0, 0.4) * 2), 1.0)
+@pytest.mark.parametrize("fell", [True, False])
+def test_a_robot_that_is_lost_walks_no_further_and_that_is_said(fell: bool) -> None:
+    """Its markers' last places are no walk of zero; before a whole cycle there is nothing to report."""
+    shrink = np.where(TIMES > 20.7, np.cos(np.clip(TIMES - 20.7, 0, 0.4) * 2 * fell), 1.0)
     standing = observe_standing(tracked(0 * TIMES, shrink, last=21.0), DESIGN, CAMERA.plane, None)
-    assert standing.fell_at_s == pytest.approx(21.0, abs=0.11)
-    assert standing.trajectory.times[-1] == standing.fell_at_s
+    loss = standing.loss
+    assert loss is not None and loss.fell == fell and loss.last_seen_s == pytest.approx(21.0, abs=0.11)
+    assert standing.trajectory.times[-1] == loss.last_seen_s
     told = measure_departure(standing, Motion(standing.trajectory, 5.0, 12.0, 1, 0.3))
-    assert told is not None
-    assert describe_departure(told).startswith("The robot fell over sideways at 21.0 s")
+    assert told is not None and (told.last_seen_s, told.fell) == (loss.last_seen_s, fell)
+    said = (
+        "The robot fell over sideways at 21.0 s"
+        if fell
+        else "No marker was seen after 21.0 s: the robot fell"
+    )
+    assert describe_lost_cycles(loss).startswith(said) and describe_lost_cycles(None) == ""
     require_whole_cycle(standing, 17.0, "log.mcap")
-    with raises(InputError, "film.fell", match=r"log\.mcap: .* expected .* 25 s; found a fall at 21"):
+    found = "the robot fell over" if fell else "no marker after"
+    with raises(InputError, "film.lost", match=rf"log\.mcap: .*expected .* 25 s; found {found}"):
         require_whole_cycle(standing, 25.0, "log.mcap")
 
 
 def test_an_uncertain_departure_is_not_told_in_a_sentence() -> None:
-    calm = OutOfPlaneNumbers((0, 5, 20), (0, 3, 10), (-0.02, 0.0, 0.02), 0.1, False, None)
+    calm = OutOfPlaneNumbers((0, 5, 20), (0, 3, 10), (-0.02, 0.0, 0.02), 0.1, False, None, False)
     assert describe_departure(calm) == "" == describe_departure(None)
     leaning = replace(calm, lean_deg=(5.0, 8.0, 12.0), certain=True)
     assert "within 2.0% of the camera's distance of it" in describe_departure(leaning)

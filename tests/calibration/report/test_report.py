@@ -99,7 +99,7 @@ def test_the_page_opens_with_the_finding_and_the_film(tmp_path: Path) -> None:
     samples = SampledMotions(
         np.array([0.4, 0.45, 0.5, 0.55, 0.6]), np.full((5, 2), 0.012), np.full((5, 2), 0.01)
     )
-    departure = OutOfPlaneNumbers((0, 8, 19), (5, 8, 11), (-0.04, -0.03, -0.02), 0.07, True, None)
+    departure = OutOfPlaneNumbers((0, 8, 19), (5, 8, 11), (-0.04, -0.03, -0.02), 0.07, True, 61.5, True)
     path = walker().trajectory
     quality = TrackingQuality.of(path, np.ones((len(path.times), 2)))
     told = content(samples=samples, film=b"a film", quality=quality, departure=departure)
@@ -117,6 +117,9 @@ def test_the_page_opens_with_the_finding_and_the_film(tmp_path: Path) -> None:
         assert f"{shown:+.2f}" in head
     sentence = head[head.index("sentence") + 10 :].split("</p>")[0]
     assert html.unescape(sentence) in verdict["text"]
+    assert sentence.strip("\n >").endswith(
+        "But the robot fell over sideways at 61.5 s; only cycles that ended before count."
+    )
     assert page.index("data:video/webm") < page.index("<table")
     for name in re.findall(r'href="#([^"]+)"', page):
         assert f'id="{name}"' in page

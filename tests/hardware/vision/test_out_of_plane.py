@@ -86,7 +86,7 @@ def test_without_strips_or_markers_nothing_is_said() -> None:
     assert PlaneObserver(path, sizes, STRIPS[:0], CAMERA.plane).estimate(1.0, 2.0) is None
     unseen = replace(path, positions=np.full_like(path.positions, np.nan))
     blind = PlaneObserver(unseen, sizes * np.nan, STRIPS, CAMERA.plane)
-    assert blind.estimate(1.0, 2.0) is None and blind.find_fall() is None
+    assert blind.estimate(1.0, 2.0) is None and blind.find_loss() is None
 
 
 def standing(lean: float, side: int) -> DiscPoses:
@@ -112,9 +112,12 @@ def test_a_fall_is_found_when_it_happens_and_a_covered_robot_has_not_fallen(side
     ]
     found = track_frames(frames, CAMERA.plane, layout=BODY[MARKED])
     observer = PlaneObserver(found.trajectory, found.sizes, STRIPS, CAMERA.plane)
-    fell = observer.find_fall()
-    assert fell is not None and 1.7 < fell < 2.0
+    loss = observer.find_loss()
+    assert loss is not None and loss.fell and 1.7 < loss.last_seen_s < 2.0
     covered = found.trajectory.positions.copy()
     covered[found.trajectory.times > 1.45] = np.nan
     gone = replace(found.trajectory, positions=covered)
-    assert PlaneObserver(gone, found.sizes, STRIPS, CAMERA.plane).find_fall() is None
+    loss = PlaneObserver(gone, found.sizes, STRIPS, CAMERA.plane).find_loss()
+    assert loss is not None and not loss.fell and loss.last_seen_s == pytest.approx(1.4)
+    back = np.where(np.isnan(covered), BODY[MARKED], covered)
+    assert PlaneObserver(replace(gone, positions=back), found.sizes, STRIPS, CAMERA.plane).find_loss() is None
