@@ -37,7 +37,7 @@ MODULES = [
     "eldir_hardware.clock", "eldir_hardware.current_sensor", "eldir_hardware.resource",
     "eldir_hardware.testing", "eldir_hardware.thermometer", "eldir_hardware.run.drive",
     "eldir_hardware.run.player", "eldir_hardware.run.filming", "eldir_hardware.run.remote_control",
-    "eldir_hardware.run.room",
+    "eldir_hardware.run.room", "eldir_hardware.run.virtual_runs",
     "eldir_hardware.guardian.bank", "eldir_hardware.guardian.client", "eldir_hardware.guardian.measured_heat",
     "eldir_hardware.guardian.measured_power",
     "eldir_hardware.guardian.pulse_controller", "eldir_hardware.relay.board",

@@ -35,7 +35,8 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> LoggedRun:
     springs = tuple(np.flatnonzero(design.morphology.active).tolist())
     gait = Gait(12.0, np.array([0.0, 0.875]), np.full(2, 0.2))
     schedule = compile_schedule(gait, rig, springs, cycles=2)
-    config = DriveConfig(folder / "design.json", "not of a search", round(room_temperature(rig), 1))
+    room = round(room_temperature(rig), 1)
+    config = DriveConfig(folder / "design.json", "not of a search", room_c=room)
     drive_rig(schedule, rig, folder / "rig.yaml", folder / "log.mcap", config)
     return read_run(folder / "log.mcap")
 
