@@ -191,18 +191,27 @@ def test_a_camera_s_film_without_a_run_shows_no_ground(circle: Circle) -> None:
     assert not ((pixels[..., 0] < 60) & (pixels[..., 1] > 220) & (pixels[..., 2] > 220)).any()
 
 
+_NOT_YET = (None, "computing")
+
+
 def test_the_live_page_gets_the_line_of_the_report(circle: Circle) -> None:
     async def follow() -> RunView:
         run = FollowedRun(None, circle.folder / "log.mcap")
         reading = asyncio.create_task(run.run())
         async with asyncio.timeout(120):
-            while run.view is None or run.view.ground is None:
+            while run.view is None or run.view.ground is None or run.view.prediction in _NOT_YET:
                 await asyncio.sleep(0.1)
         reading.cancel()
-        await asyncio.gather(reading, *run._tracking_readers, return_exceptions=True)  # its process has ended
+        await asyncio.gather(reading, *run._readers, return_exceptions=True)  # its processes have ended
         return run.view
 
-    ground = asyncio.run(follow()).ground
+    view = asyncio.run(follow())
+    begin, end = circle.content.tracked.start, circle.content.tracked.period * circle.content.tracked.cycles
+    assert isinstance(view.prediction, list), view.prediction
+    assert view.prediction[0] == [begin, 0.0, 0.0, 0.0]
+    t, mean, low, high = view.prediction[-1]
+    assert t == pytest.approx(begin + end) and low < mean < high, "as many cycles as the schedule has"
+    ground = view.ground
     assert ground is not None and ground["colour"] == "rgb(0 255 255)"
     plane, path = circle.content.plane, circle.content.tracked.trajectory
     predicted = predict_ground(circle.design, Rig.load(circle.folder / "rig.yaml"))
