@@ -149,10 +149,16 @@ def require_new(*paths: Path | None) -> None:
         if path.exists():
             problem = f"{path} exists already"
             raise EldirError(problem, code="file.exists", remedy="choose another name or remove it")
-        above = next(p for p in path.absolute().parents if p.exists())
-        if not above.is_dir() or not os.access(above, os.W_OK | os.X_OK):
-            why = "is not writable" if above.is_dir() else "is not a folder"
-            raise not_written(path, f"{above} {why}", "choose another place")
+        require_folder(path)
+
+
+def require_folder(path: Path) -> None:
+    """Raise `EldirError` if nothing can be written at `path`, whose folder need not exist yet. Call this
+    before long work."""
+    above = next(p for p in path.absolute().parents if p.exists())
+    if not above.is_dir() or not os.access(above, os.W_OK | os.X_OK):
+        why = "is not writable" if above.is_dir() else "is not a folder"
+        raise not_written(path, f"{above} {why}", "choose another place")
 
 
 def require_ending(option: str, path: Path | None, *endings: str) -> None:

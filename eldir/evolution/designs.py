@@ -29,15 +29,18 @@ def open_run(path: Path | str) -> Run:
     return known[values["format"]].open(path)
 
 
-def load_run(path: Path | str) -> list[Design]:
+def load_run(path: Path | str, count: int | None = None) -> list[Design]:
     """The robots of the last complete generation as designs, best first: the survivors of a run in the
-    paper's scene, or the elites of a run for building, which carry their gaits.
+    paper's scene, or the elites of a run for building, which carry their gaits. `count`: the largest number
+    of designs; by default all of a run in the paper's scene, and 24 of a run for building.
 
     Robots that evolved on a terrain are built for it. Raises `InputError` where no generation is complete.
     """
     run = open_run(path)
     run.require_generations()
-    return _printed_designs(run) if isinstance(run, PrintedRun) else _trained_designs(run)
+    if isinstance(run, PrintedRun):
+        return _printed_designs(run, _MAX_PRINTED if count is None else count)
+    return _trained_designs(run)[:count]
 
 
 def _trained_designs(run: RunFolder) -> list[Design]:
@@ -78,7 +81,7 @@ def _trained_designs(run: RunFolder) -> list[Design]:
     ]
 
 
-def _printed_designs(run: PrintedRun) -> list[Design]:
+def _printed_designs(run: PrintedRun, count: int) -> list[Design]:
     """The best elites of a run for building, with gait and expected walk in their provenance.
 
     The closed-loop rollout is one of the three motions of a report. A printed robot evolves without a
@@ -88,7 +91,7 @@ def _printed_designs(run: PrintedRun) -> list[Design]:
     config, scene = run.config, Scene()
     if config.terrain is not None:
         scene = scene.replace(terrain=config.terrain.scaled(1 / config.printed.scale))
-    elites = run.restore().archive.ranked()[:_MAX_PRINTED]
+    elites = run.restore().archive.ranked()[:count]
     if not elites:
         return []
     bodies = [w.genome.body(config.lattice) for w in elites]

@@ -19,7 +19,9 @@ _WEBP_RATE = 10  # [1/s]
 
 
 def show(
-    design: Annotated[Path, typer.Argument(metavar="DESIGN", help="Design file.")],
+    design: Annotated[
+        Path, typer.Argument(metavar="DESIGN", help="Design file, or the folder of a run: its best robot.")
+    ],
     out: Annotated[
         Path | None,
         typer.Option(
@@ -50,12 +52,13 @@ def show(
         raise typer.BadParameter(f"--out: expected a name that ends in {', '.join(suffixes)}, found {out}")
     if rig is not None and schedule is None:
         raise typer.BadParameter("--rig needs --schedule")
-    from eldir.core.files import write_bytes
+    from eldir.core.files import require_folder, write_bytes
     from eldir.design import Design
     from eldir.show import picture
 
-    robot = Design.load(design)
     target = out if out is not None else design.with_suffix(".png" if schedule is None else ".webm")
+    require_folder(target)
+    robot = _best(design) if design.is_dir() else Design.load(design)
     if target.suffix == ".png":
         write_bytes(target, picture(robot))
     else:
@@ -63,6 +66,17 @@ def show(
         film = _learned(robot, rate) if schedule is None else _predicted(robot, schedule, rig, rate)
         _write_film(target, *film, rate)
     print(target)
+
+
+def _best(run: Path) -> Design:
+    """The best robot of the last complete generation of a run. Raises `InputError` if there is none."""
+    from eldir.errors import InputError
+    from eldir.evolution.designs import load_run
+
+    designs = load_run(run, count=1)
+    if not designs:
+        raise InputError(f"{run} has no robot yet", code="show.no-robot", remedy="wait for a generation")
+    return designs[0]
 
 
 def _learned(robot: Design, rate: int) -> tuple[Iterator[np.ndarray], int]:

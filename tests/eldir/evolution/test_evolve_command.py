@@ -16,7 +16,9 @@ from eldir.evolution.designs import load_run
 from eldir.evolution.run_folder import load_generation
 from eldir.evolution.search import make_scene
 from eldir.rollout import simulate
+from eldir.show import picture
 from eldir_app.commands.evolve import evolve
+from eldir_app.commands.show import show
 from eldir_app.commands.status import status
 from tests.eldir.evolution.evolve_processes import SMALL, contents, start
 
@@ -50,6 +52,10 @@ def test_neither_threads_nor_ctrl_c_matter_and_fitness_is_what_the_rollout_shows
     assert first.exit_code == 0 and "best" in first.output
     assert contents(tmp_path / "stopped") == contents(tmp_path / "whole")
     designs = load_run(tmp_path / "whole")
+    show(tmp_path / "whole")
+    assert (tmp_path / "whole.png").read_bytes() == picture(designs[0]), (
+        "of a folder, the best robot is shown"
+    )
     assert (designs[0].lattice.rows, designs[0].lattice.columns) == (4, 6)
     rollouts = simulate([d.morphology for d in designs], [d.controller for d in designs], designs[0].scene)
     for design, rollout in zip(designs, rollouts, strict=True):

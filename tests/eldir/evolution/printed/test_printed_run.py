@@ -170,7 +170,7 @@ def test_controllers_are_taught_for_the_papers_comparison(whole: Path) -> None:
     trained = learn([d.morphology for d in designs], Scene(), seed=[d.provenance["seed"] for d in designs])
     assert [d.controller for d in designs] == list(trained.controllers)
     assert [d.provenance["fitness_m"] for d in designs] == (-trained.losses.min(axis=1)).tolist()
-    assert [d.controller for d in load_run(whole)] == list(trained.controllers)
+    assert load_run(whole, count=1) == designs[:1], "taught alone, the best one has the same controller"
 
 
 def test_what_is_shown_of_the_progress_never_goes_back(course: Course) -> None:
