@@ -56,9 +56,10 @@ def show(
     from eldir.design import Design
     from eldir.show import picture
 
-    target = out if out is not None else design.with_suffix(".png" if schedule is None else ".webm")
-    require_folder(target)
+    if out is not None:
+        require_folder(out)
     robot = _best(design) if design.is_dir() else Design.load(design)
+    target = out if out is not None else _beside(design, ".png" if schedule is None else ".webm")
     if target.suffix == ".png":
         write_bytes(target, picture(robot))
     else:
@@ -66,6 +67,14 @@ def show(
         film = _learned(robot, rate) if schedule is None else _predicted(robot, schedule, rig, rate)
         _write_film(target, *film, rate)
     print(target)
+
+
+def _beside(design: Path, suffix: str) -> Path:
+    """The file beside a design or a folder that has its name."""
+    if design.is_dir():
+        folder = design.absolute().resolve()
+        return folder.with_name(folder.name + suffix)
+    return design.with_suffix(suffix)
 
 
 def _best(run: Path) -> Design:
