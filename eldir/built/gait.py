@@ -16,6 +16,7 @@ from eldir.core.records import Array, BoolArray, FloatArray, IntArray, Record, r
 from eldir.core.validation import validate
 from eldir.design import Design
 from eldir.parameters.springs import SpringParameters
+from eldir.parameters.wiring import FACES
 from eldir.rollout import Rollout
 from eldir.scene import Scene
 
@@ -159,6 +160,19 @@ def free_lengths(
     return free_lengths_batch(
         [(gait, springs)], cycles, conditioning, interval, hubs=None if hubs is None else [hubs]
     )[0]
+
+
+def heat_faces(
+    gait: Gait, springs: Sequence[SpringParameters], cycles: int = CYCLES, hubs: IntArray | None = None
+) -> FreeLengths:
+    """Free lengths of each spring of both faces, in the order front and back of the first motor, front and
+    back of the second: shape (K, 2A). `springs`: in the same order. `hubs` of each motor, shape (A, 2): heat
+    passes between springs of one face."""
+    faces = len(FACES)
+    both = Gait(gait.period, np.repeat(gait.phase, faces), np.repeat(gait.duty, faces))
+    if hubs is not None:  # each face has its own
+        hubs = join_hubs([hubs] * faces).reshape(faces, -1, 2).swapaxes(0, 1).reshape(-1, 2)
+    return free_lengths(both, springs, cycles, hubs=hubs)
 
 
 def free_lengths_batch(

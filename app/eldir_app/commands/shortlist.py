@@ -57,7 +57,8 @@ def shortlist(
         print(json.dumps([row.to_json() for row in rows], indent=1))
         return
     for row in rows:
-        walks, likeness = row.predicted.sampled_walks, f", {row.likeness}" * bool(row.likeness)
-        print(f"{row.file}: {walks}, {walks.forward}; body {row.body}{likeness}")
+        walks, lateral = row.predicted.sampled_walks, row.predicted.lateral_stability
+        further = "".join(f", {text}" for text in (lateral and str(lateral), row.likeness) if text)
+        print(f"{row.file}: {walks}, {walks.forward}; body {row.body}{further}")
     rejected = ", ".join(f"{n} {kind}" for kind, n in best.left_out.items())
     print(f"{out}: {len(rows)} of {best.considered} different bodies; left out: {rejected or 'none'}")

@@ -27,6 +27,14 @@ from eldir_cad.checks.kinematics import (
     socket_turns,
 )
 from eldir_cad.checks.strip_law import StripLaw, built_parameters, spring_parameters
+from eldir_cad.checks.tipping import (
+    CURRENT_SPREAD,
+    REQUIRED_MARGIN_DEG,
+    centre_height,
+    smallest_gap,
+    tipping_angle,
+    twist_angle,
+)
 from eldir_cad.checks.violations import BuildReport, Severity, Violation
 from eldir_cad.geometry.parts import cap, connector, fitting, mass_volume, strip
 from eldir_cad.geometry.plates import Size, count_plates
@@ -70,6 +78,7 @@ def check_with_leads(morphology: Morphology, spec: Specification, printer: Print
             _check_strains(motion, morphology, spec, printer, law),
             _check_socket_turns(motion, morphology, spec),
             _check_stability(motion, morphology, spec, printer),
+            _check_tipping(morphology, spec, printer),
             _check_leads(leads, motion, morphology, spec),
             _count_parts(morphology, spec, printer),
         ):
@@ -261,6 +270,28 @@ def _check_stability(
         by = spec.safety.foot_stroke - spread
         violations.append(Violation("feet", "note", ("feet",), by, "mm", message, "choose another design"))
     return violations, {"static_margin_mm": margin, "foot_stroke_mm": spread}
+
+
+def _check_tipping(morphology: Morphology, spec: Specification, printer: Printer) -> _CheckResult:
+    """Whether springs of the faces that are heated unlike can tip the robot over sideways."""
+    height = centre_height(build(morphology, built_parameters(spec, printer)), spec)
+    tips, twist = tipping_angle(spec, height), twist_angle(spec)
+    margin = tips - twist
+    violations = []
+    if margin < REQUIRED_MARGIN_DEG:
+        message = (
+            f"the robot tips sideways at {tips:.0f} degrees, and faces whose currents differ by "
+            f"{CURRENT_SPREAD:.0%} to either side twist it by {twist:.0f}: the margin is {margin:.1f} "
+            f"degrees, {REQUIRED_MARGIN_DEG:g} are required"
+        )
+        gap = smallest_gap(spec, height)
+        remedy = "choose a lower design"
+        if gap is not None:
+            remedy = f"print connectors for a gap of {gap} mm (connector.gap in the parts file), or {remedy}"
+        severity: Severity = "unfit" if margin < 0 else "note"
+        missing = REQUIRED_MARGIN_DEG - margin
+        violations.append(Violation("sideways", severity, ("body",), missing, "degrees", message, remedy))
+    return violations, {"tipping_angle_deg": tips, "sideways_margin_deg": margin}
 
 
 def _check_leads(

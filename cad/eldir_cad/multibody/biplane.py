@@ -18,6 +18,7 @@ from eldir.morphology import Morphology
 from eldir.parameters.printed import BuiltParameters
 from eldir.terrain import Terrain
 from eldir_cad.checks.strip_law import built_parameters
+from eldir_cad.checks.tipping import lateral_rotation
 from eldir_cad.geometry.assembly import assemble
 from eldir_cad.kit.printer import Printer
 from eldir_cad.kit.specification import Specification
@@ -158,18 +159,6 @@ def connector_stiffness(spec: Specification, printer: Printer) -> ConnectorStiff
         twist=shear_modulus * section * radius**2 / 2 / length,
         shear=1 / (1 / bending + length / (0.9 * shear_modulus * section)),
     )
-
-
-def lateral_rotation(spec: Specification) -> float:
-    """Angle by which a strip turns out of its plane in a socket until it is held [rad].
-
-    Between the socket's floor and the connector's flange it has the clearance on both sides and that of the
-    connector. It is held over the length from the tip of its bulb to the rim: the mean of mass and flange.
-    """
-    room = spec.mass.socket_depth + spec.clearance - spec.strip.height
-    tip = spec.bulb_radius_at - spec.strip.bulb_diameter / 2
-    rim = (spec.mass.across_flats + spec.connector.flange_diameter) / 4
-    return math.atan(room / (rim - tip))
 
 
 def with_yielding_connectors(model: Biplane) -> Biplane:

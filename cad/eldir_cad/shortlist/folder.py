@@ -25,6 +25,7 @@ from eldir.core.records import OMITTED, FileRecord, Record, record
 from eldir.design import marked_masses
 from eldir.morphology import Morphology
 from eldir_cad.checks.kinematics import find_hinges
+from eldir_cad.checks.lateral_stability import LateralStability
 from eldir_cad.checks.violations import BuildReport
 from eldir_cad.shortlist.ranking import MAX_SIMILARITY, RankedDesign, Shortlist, spring_overlap
 
@@ -95,12 +96,16 @@ class WalkStatistics(Record):
 class RankedPrediction(Record):
     """Predictions of the models."""
 
+    OPTIONAL = frozenset({"lateral_stability"})
+
     body_lengths_per_5_cycles: float | None
     """Walk in the screening, with nominal parameters [body lengths per five cycles]; null if it falls."""
     sampled_walks: WalkStatistics
     """Walks of sampled robots in this gait [body lengths per five cycles]."""
     static_margin_mm: float
     """Distance of the centre of mass from the edge of the feet [mm]."""
+    lateral_stability: Annotated[LateralStability | None, OMITTED] = None
+    """How far it leans if its faces are heated unlike; left out on a terrain and for clamped strips."""
 
     @classmethod
     def of(cls, ranked: RankedDesign) -> RankedPrediction:
@@ -108,7 +113,7 @@ class RankedPrediction(Record):
         length = build(ranked.design.morphology).body_length
         walks = WalkStatistics.of(ranked.spread, length, ranked.gait.period)
         best = ranked.screened.best
-        return cls(best if np.isfinite(best) else None, walks, 1e3 * ranked.screened.margin)
+        return cls(best if np.isfinite(best) else None, walks, 1e3 * ranked.screened.margin, ranked.lateral)
 
 
 @record
@@ -246,7 +251,8 @@ def draw_designs(candidates: Sequence[RankedDesign], rows: Sequence[RankingRow])
         axes.set_aspect("equal")
         axes.axis("off")
         walks = row.predicted.sampled_walks
-        parts = [f"{Path(row.file).stem}: {walks}", walks.forward, row.likeness]
+        lateral = str(row.predicted.lateral_stability or "")
+        parts = [f"{Path(row.file).stem}: {walks}", walks.forward, lateral, row.likeness]
         title = "\n".join(textwrap.fill(part, _TITLE_WIDTH) for part in parts if part)
         axes.set_title(title, fontsize=8)
     handles = [

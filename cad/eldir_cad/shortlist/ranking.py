@@ -33,6 +33,7 @@ from eldir.morphology import Morphology
 from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
 from eldir_cad.checks.buildability import check
+from eldir_cad.checks.lateral_stability import LateralStability, predict_lateral_stability
 from eldir_cad.checks.strip_law import built_parameters, hub_parameters, spring_parameters
 from eldir_cad.checks.violations import BuildReport
 from eldir_cad.kit.printer import Printer, fit_to_printer, load_printer
@@ -63,6 +64,13 @@ class RankedDesign:
     screened: ScreeningResult
     gait: Gait
     spread: SampledWalks
+    lateral: LateralStability | None = None
+    """Whether it falls over sideways if its faces differ; None where that is not predicted."""
+
+    @property
+    def may_fall_sideways(self) -> bool:
+        """Whether its margin is too small."""
+        return self.lateral is not None and not self.lateral.is_safe
 
     @property
     def is_doubtful(self) -> bool:
@@ -103,7 +111,7 @@ def rank(
 ) -> Shortlist:
     """The `top` designs whose samples walk farthest (`SampledWalks.fitness`), each in its best gait. First
     come different bodies that walk forward; then bodies that a better design has; then designs whose
-    prediction is doubtful because of ties.
+    prediction is doubtful because of ties; then those that may fall over sideways.
 
     All walk on the ground of the designs (`Design.printed_terrain`), one for all. `scene`: an identified
     robot; then the samples are of its uncertainty. `springs`: nominal springs on
@@ -139,13 +147,16 @@ def rank(
         # On rugged ground coarse robots walk otherwise (decision 56).
         coarse = robots.robot.printed.joints == "hubs" and design.printed_terrain is None
         (walks,) = sample_walks(robots, [gait], seed=seed, coarse=coarse)
-        candidates.append(RankedDesign(design, report, s, gait, walks))
+        lateral = None
+        if design.printed_terrain is None:
+            lateral = predict_lateral_stability(body, gait, spec, printer, robot.springs)
+        candidates.append(RankedDesign(design, report, s, gait, walks, lateral))
         show("samples", (i + 1) / len(standing))
-    candidates.sort(key=lambda c: (c.is_doubtful, -c.spread.fitness))
+    candidates.sort(key=lambda c: (c.may_fall_sideways, c.is_doubtful, -c.spread.fitness))
     candidates = repeats_last(
         candidates,
         [c.design.morphology for c in candidates],
-        [c.spread.fitness > 0 and not c.is_doubtful for c in candidates],
+        [c.spread.fitness > 0 and not (c.is_doubtful or c.may_fall_sideways) for c in candidates],
     )
     reasons[_NOT_FAR_ENOUGH] += len(candidates[top:])
     left_out = {kind: n for kind, n in reasons.most_common() if n}

@@ -7,7 +7,7 @@ from threading import Event
 
 import numpy as np
 
-from eldir.built.gait import CYCLES, FreeLengths, Gait
+from eldir.built.gait import CYCLES, FreeLengths, Gait, heat_faces
 from eldir.built.walking import TOPPLED_ANGLE
 from eldir.core.records import FloatArray
 from eldir.design import Design
@@ -22,7 +22,6 @@ from eldir_calibration.transfer.mujoco_walks import (
     MujocoWalk,
     evaluate_walk,
     follow_table,
-    heat_faces,
     sample_face_springs,
 )
 from eldir_hardware.virtual.biplane_body import BiplaneMotion, sample_biplane

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from threading import Event
 from typing import Literal
 
 import numpy as np
 
-from eldir.built.gait import CYCLES, FreeLengths, Gait, free_lengths
-from eldir.built.heat import join_hubs
+from eldir.built.gait import CYCLES, FreeLengths, Gait, heat_faces
 from eldir.built.robot import build, min_area_ratio
 from eldir.built.walking import FOLDED_AREA_RATIO, TOPPLED_ANGLE, rotation
 from eldir.core.records import FloatArray, IntArray
@@ -96,20 +95,9 @@ def sample_heating(
 
 
 def sample_face_springs(motors: int, seed: int, springs: SpringParameters) -> list[SpringParameters]:
-    """The springs that a seed gives both faces, in the order of `heat_faces`."""
+    """The springs that a seed gives both faces, in the order of `eldir.built.gait.heat_faces`."""
     deviations = np.random.default_rng([seed, 3])
     return [springs.perturb(deviations) for _ in range(_FACES * motors)]
-
-
-def heat_faces(
-    gait: Gait, springs: Sequence[SpringParameters], cycles: int, hubs: IntArray | None = None
-) -> FreeLengths:
-    """Free lengths of each spring of both faces, in the order front and back of the first motor, front and
-    back of the second: shape (K, 2A). `springs`: in the same order. `hubs` of each motor, shape (A, 2)."""
-    both = Gait(gait.period, np.repeat(gait.phase, _FACES), np.repeat(gait.duty, _FACES))
-    if hubs is not None:  # each face has its own
-        hubs = join_hubs([hubs] * _FACES).reshape(_FACES, -1, 2).swapaxes(0, 1).reshape(-1, 2)
-    return free_lengths(both, springs, cycles, hubs=hubs)
 
 
 def measure_walk(

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from eldir.built.gait import FreeLengths, Gait, read_gait
+from eldir.built.gait import FreeLengths, Gait, heat_faces, read_gait
 from eldir.design import Design
 from eldir.parameters.springs import SpringParameters
 from eldir.parameters.tolerances import RigTolerances
@@ -27,7 +27,6 @@ from eldir_cad.multibody.biplane import (
 from eldir_calibration.transfer.biplane_walks import measure_biplane_walk
 from eldir_calibration.transfer.mujoco_walks import (
     FINE_NUMERICS,
-    heat_faces,
     measure_walk,
     sample_face_springs,
 )

@@ -12,7 +12,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
-from eldir.built.gait import Gait, free_lengths
+from eldir.built.gait import Gait, free_lengths, heat_faces
 from eldir.errors import EldirError
 from eldir.parameters.springs import SpringParameters
 from eldir_app.application import application
@@ -22,7 +22,7 @@ from eldir_cad.multibody.biplane import build_biplane
 from eldir_cad.multibody.model import Numerics
 from eldir_calibration.transfer import biplane_walks
 from eldir_calibration.transfer.biplane_walks import measure_biplane_walk, yaw_and_roll
-from eldir_calibration.transfer.mujoco_walks import heat_faces, sample_face_springs, sample_heating
+from eldir_calibration.transfer.mujoco_walks import sample_face_springs, sample_heating
 from eldir_calibration.transfer.page import TransferNumbers
 from tests.calibration.transfer.made_up_walks import GAIT, tiny_design, written_gait
 from tests.paths import SCHEMAS

@@ -14,6 +14,7 @@ from eldir.morphology import develop
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.wiring import FACES
 from eldir.terrain import Terrain
+from eldir_cad.checks.tipping import lateral_rotation
 from eldir_cad.kit.printer import load_printer
 from eldir_cad.kit.specification import load_specification
 from eldir_cad.multibody.biplane import (
@@ -22,7 +23,6 @@ from eldir_cad.multibody.biplane import (
     FaceParts,
     build_biplane,
     connector_stiffness,
-    lateral_rotation,
     with_lateral_rotation,
     with_yielding_connectors,
 )
