@@ -22,7 +22,11 @@ from eldir.lattice import Lattice
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.springs import SpringParameters
 from eldir_app.commands.shortlist import shortlist as command
+from eldir_cad.checks.lateral_stability import predict_lateral_stability
+from eldir_cad.checks.tipping import with_gap
 from eldir_cad.checks.violations import BuildReport
+from eldir_cad.kit.printer import fit_to_printer, load_printer
+from eldir_cad.kit.specification import load_specification
 from eldir_cad.shortlist import ranking as module
 from eldir_cad.shortlist.folder import write_shortlist
 from eldir_cad.shortlist.ranking import RankedDesign, Shortlist, rank
@@ -263,3 +267,29 @@ def test_of_robots_with_a_gait_those_that_differ_are_sampled_first(monkeypatch):
 def told(expected):
     """A fitness of 0.1 below the expected walk: half a standard deviation of 0.2."""
     return {"expected": expected, "standard_error": 0.05, "samples": 16}
+
+
+def test_the_shortlist_says_how_far_a_robot_leans(ranked):
+    """The walker in its gait; the tipping angle from the height of its centre of mass, which changes by some
+    per cent in the motion."""
+    found, rows, _, _ = ranked
+    stability = rows[0].predicted.lateral_stability
+    assert stability == found.candidates[0].lateral and stability.is_safe
+    robot = build(WALKER.morphology, BuiltParameters().with_hubs())
+    height = robot.masses @ robot.positions[:, 1] / robot.masses.sum() + 6.93e-3
+    assert stability.tipping_deg == pytest.approx(np.degrees(np.arctan2(24.7e-3, height)), rel=0.15)
+    assert 0 < stability.lean_deg < stability.tipping_deg
+    assert str(stability).startswith("leans sideways by ")
+    assert rows[0].to_json()["predicted"]["lateral_stability"] == stability.to_json()
+
+
+def test_a_robot_with_narrow_connectors_may_fall_over_sideways(ranked):
+    gait = ranked[0].candidates[0].gait
+    printer = load_printer()
+    narrow = with_gap(fit_to_printer(load_specification(), printer), 6)
+    found = predict_lateral_stability(WALKER.morphology, gait, narrow, printer, SpringParameters())
+    assert found.margin_deg < 0 and "may fall over sideways" in str(found)
+    one = replace(ranked[0].candidates[0], lateral=found)
+    assert one.may_fall_sideways and not replace(one, lateral=None).may_fall_sideways
+    clamped = narrow.model_copy(update={"strip": narrow.strip.model_copy(update={"turn_deg": 0.0})})
+    assert predict_lateral_stability(WALKER.morphology, gait, clamped, printer, SpringParameters()) is None
