@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eldir.built.gait import Gait
+from eldir.built.gait import Gait, heat_faces
 from eldir.design import marked_masses
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.springs import SpringParameters
 from eldir.parameters.tolerances import RigTolerances
 from eldir_calibration.transfer.biplane_walks import yaw_and_roll
-from eldir_calibration.transfer.mujoco_walks import heat_faces, sample_face_springs
+from eldir_calibration.transfer.mujoco_walks import sample_face_springs
 from eldir_hardware.camera.plane import FieldOfView
 from eldir_hardware.camera.plane_fit import calibrate_plane
 from eldir_hardware.camera.projection import Projection
