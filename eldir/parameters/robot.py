@@ -138,6 +138,13 @@ class Quantity:
         part = robot.printed if hasattr(robot.printed, self.field) else robot.springs
         return float(getattr(part, self.field))
 
+    def interval(self, value: float, half_width: float) -> tuple[float, float]:
+        """Ends of an interval about a value, in `unit`; `half_width` of its logarithm (in `unit`, if
+        additive)."""
+        if self.additive:
+            return value - half_width, value + half_width
+        return float(value * np.exp(-half_width)), float(value * np.exp(half_width))
+
     def gradient(self, names: Sequence[str]) -> FloatArray:
         """Derivative of its logarithm (of the value itself, if additive) with respect to z of each named
         parameter, shape (P,)."""

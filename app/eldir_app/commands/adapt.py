@@ -22,6 +22,16 @@ def adapt(
         Path, typer.Option(help="Folder for schedules, logs and beliefs; an adaptation in it goes on.")
     ],
     runs: Annotated[int, typer.Option(min=1, max=30, help="Number of runs at most.")] = 5,
+    minutes: Annotated[
+        float | None,
+        typer.Option(min=0, help="No run begins that would end later than this after the start [min]."),
+    ] = None,
+    prior: Annotated[
+        list[Path] | None,
+        typer.Option(
+            help="Folder of an adaptation of another robot of the same kit; may be given several times."
+        ),
+    ] = None,
     room: Annotated[
         float | None, typer.Option(help="Temperature of the air around the springs during all runs [C].")
     ] = None,
@@ -69,9 +79,12 @@ def adapt(
         def print_run(number: int, run: AdaptationRun) -> None:
             typer.echo(_describe(number, run))
 
-        config = AdaptationConfig(runs=runs, seed=seed)
-        found = adapt(design, rig, out, drive, config, show, print_run)
+        config = AdaptationConfig(runs=runs, minutes=minutes, seed=seed)
+        found = adapt(design, rig, out, drive, config, show, print_run, prior=prior or ())
     typer.echo(f"ended: {found.ended}")
+    if not found.runs:
+        return
+    typer.echo(f"wrote {out / 'adaptation.html'}")
     if found.best is None:
         typer.echo("the robot stayed upright in no run; no schedule is written")
         return
@@ -84,8 +97,11 @@ def adapt(
 def _require_own_folder(out: Path) -> None:
     """Raise `EldirError` for a folder that holds something else than an adaptation."""
     from eldir.errors import EldirError
+    from eldir_calibration.adaptation.prior import PRIOR
 
-    if out.exists() and not (out.is_dir() and ((out / "run_01").exists() or not any(out.iterdir()))):
+    if out.exists() and not (
+        out.is_dir() and ((out / "run_01").exists() or not {path.name for path in out.iterdir()} - {PRIOR})
+    ):
         raise EldirError(
             f"{out} is no folder of an adaptation",
             code="adapt.other-folder",

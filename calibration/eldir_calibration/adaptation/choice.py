@@ -13,6 +13,7 @@ from eldir.built.gait_search import GaitSearchResult, Stage, search_robust_gait,
 from eldir.built.samples import IdentifiedRobots, sample_walks, simulate_most_probable
 from eldir.built.scene import PrintedScene
 from eldir.design import Design
+from eldir_calibration.adaptation.films import FilmedWalk
 from eldir_calibration.adaptation.runs import AdaptationConfig, AdaptationRun, SupplyAdvice, best_run
 from eldir_hardware.planning.compiler import extract_gait
 from eldir_hardware.planning.plan import PlanConfig, heating_limits, plan, plan_gait
@@ -30,12 +31,13 @@ def plan_run(
     rig: Rig,
     plans: PlanConfig,
     runs: Sequence[AdaptationRun],
+    films: Sequence[FilmedWalk],
     config: AdaptationConfig,
     stage: Stage = silent,
 ) -> ActuationSchedule:
     """The schedule of the next run: the one that `eldir gait` makes for a robot without films, or that of the
     gait that is expected to walk farthest. Raises `NoGaitError` if none is worth a run."""
-    if plans.scene is None:
+    if plans.scene is None or not runs:
         return plan(design, rig, plans, stage)
     filmed = plans.scene.filmed_of(design)
     robots = IdentifiedRobots.of(design, plans.scene)
@@ -43,7 +45,7 @@ def plan_run(
     stage(f"predicting the walks of {config.samples} samples")
     (walks,) = sample_walks(robots, [gait], config.samples, plans.seed)
     best = max((run.filmed for run in runs if run.upright), default=0.0)
-    bias, error = discrepancy(design, plans.scene)
+    bias, error = discrepancy(design, plans.scene, films, rig.spring_parameters().current_limit)
     predicted, deviation = walks.expected - bias, float(np.hypot(walks.spread_with_falls, error))
     gain = expected_improvement(predicted, deviation, best)
     if gain < config.min_gain:
@@ -67,19 +69,35 @@ def expected_improvement(mean: float, deviation: float, best: float) -> float:
     return float((mean - best) * ndtr(u) + deviation * np.exp(-u * u / 2) / np.sqrt(2 * np.pi))
 
 
-def discrepancy(design: Design, scene: PrintedScene) -> tuple[float, float]:
-    """How much farther the most probable robot walks than the filmed one, by all filmed gaits, and the root
-    mean square of the single differences, a fall counted as no motion [body lengths per five cycles].
+def discrepancy(
+    design: Design, scene: PrintedScene, films: Sequence[FilmedWalk], current_limit_a: float
+) -> tuple[float, float]:
+    """How much farther the most probable robot walks than the filmed one, by all gaits filmed with this
+    current limit, and the root mean square of the single differences, a fall counted as no motion [body
+    lengths per five cycles]. As long as there is no such film, those with other currents tell it.
 
     The first one is shrunk by n / (n + 1): one film tells half of it.
     """
-    filmed = scene.filmed_of(design)
-    if not filmed:
+    same = [one for one in films if one.current_limit_a == current_limit_a]
+    counted, robots = same or list(films), IdentifiedRobots.of(design, scene)
+    if not counted:
         return 0.0, 0.0
-    walks = simulate_most_probable(IdentifiedRobots.of(design, scene), [f.gait for f in filmed], coarse=True)
-    shown = np.array([film.walked if film.upright else 0.0 for film in filmed])
-    differences = np.where(np.isfinite(walks), walks, 0.0) - shown
-    return float(differences.sum() / (len(filmed) + 1)), float(np.sqrt(np.mean(differences**2)))
+    differences = []
+    for limit in dict.fromkeys(one.current_limit_a for one in counted):
+        own = [one.film for one in counted if one.current_limit_a == limit]
+        there = at_current(robots, limit / current_limit_a)
+        walks = simulate_most_probable(there, [film.gait for film in own], coarse=True)
+        shown = np.array([film.walked if film.upright else 0.0 for film in own])
+        differences.append(np.where(np.isfinite(walks), walks, 0.0) - shown)
+    every = np.concatenate(differences)
+    return float(every.sum() / (len(every) + 1)), float(np.sqrt(np.mean(every**2)))
+
+
+def at_current(robots: IdentifiedRobots, factor: float) -> IdentifiedRobots:
+    """The same robots with a supply that is set to this multiple of its current limit."""
+    springs = robots.robot.springs
+    changed = replace(springs, current_limit=springs.current_limit * factor)
+    return replace(robots, robot=replace(robots.robot, springs=changed))
 
 
 def advise_supply(
@@ -87,6 +105,7 @@ def advise_supply(
     rig: Rig,
     folder: Path,
     runs: Sequence[AdaptationRun],
+    films: Sequence[FilmedWalk],
     scene: PrintedScene,
     config: AdaptationConfig,
 ) -> tuple[SupplyAdvice, ...]:
@@ -97,13 +116,13 @@ def advise_supply(
     gait = extract_gait(schedule)
     assert gait is not None  # which was filmed
     robots = IdentifiedRobots.of(design, scene)
-    own, springs = rig.spring_parameters().current_limit, robots.robot.springs
-    (bias, error), found = discrepancy(design, scene), []
+    own = rig.spring_parameters().current_limit
+    (bias, error), found = discrepancy(design, scene, films, own), []
     for other in rigs_with_narrower_tolerances(schedule, rig):
         limit, allowed = other.spring_parameters().current_limit, other.tolerances
-        stronger = replace(springs, current_limit=springs.current_limit * limit / own)
-        changed = replace(robots, robot=replace(robots.robot, springs=stronger))
-        (walks,) = sample_walks(changed, [gait], config.samples, config.seed, coarse=True)
+        (walks,) = sample_walks(
+            at_current(robots, limit / own), [gait], config.samples, config.seed, coarse=True
+        )
         known = np.isfinite(walks.mean)
         found.append(
             SupplyAdvice(

@@ -19,6 +19,8 @@ class AdaptationConfig:
 
     runs: int = 5
     """Number of runs at most."""
+    minutes: float | None = None
+    """No run begins that would end later than this after the start [min]; None: no limit."""
     seed: int = 0
     """Random seed of beliefs and samples."""
     samples: int = 16
@@ -50,7 +52,7 @@ class AdaptationRun(Record):
     [body lengths per five cycles]."""
     misfit: Annotated[float, Field(ge=0)] | None
     """Mean square of what the belief before this run leaves of the films, in assumed standard deviations;
-    above 1 the robot moves as no simulated one does. null for the first run, which has no films."""
+    above 1 the robot moves as no simulated one does. null for the first run: nothing was filmed before."""
     filmed: float
     """Walk that was filmed [body lengths per five cycles]."""
     upright: bool

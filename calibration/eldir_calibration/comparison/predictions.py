@@ -114,10 +114,10 @@ def predict_motions(design: Design, schedule: ActuationSchedule, rig: Rig) -> di
     return {"simulated": simulate_evolved(run), "predicted": predicted}
 
 
-def predict_body(run: RecordedRun) -> PredictedBody:
-    """The motion of the whole nominal robot under the schedule of a run. Raises `EldirError` where the
-    simulation fails."""
-    (motion,), body = _simulate([_prepare_run(run, None)])
+def predict_body(run: RecordedRun, scene: PrintedScene | None = None) -> PredictedBody:
+    """The motion of the whole robot under the schedule of a run: of the nominal one, or of the identified one
+    of a scene. Raises `EldirError` where the simulation fails."""
+    (motion,), body = _simulate([_prepare_run(run, scene)])
     if motion is None:
         raise divergence_error("the predicted motion")
     return body

@@ -90,6 +90,7 @@ def believe(
     *,
     filmed: Sequence[RobotParameters] | None = None,
     measurements: Measurements = NOT_MEASURED,
+    prior: PrintedScene | None = None,
     seed: int = 0,
     progress: Progress = lambda what, part: None,
     config: BeliefConfig = BeliefConfig(),  # frozen
@@ -101,6 +102,8 @@ def believe(
         nominal: the robot as designed, with hubs, on the present supply.
         filmed: the same at each recording, where the supply was another one.
         measurements: readings during the last recording.
+        prior: what is known before the films of the parameters that are common to all parts; by default
+            their priors.
         progress: called before each step.
 
     Raises:
@@ -114,7 +117,7 @@ def believe(
     ensemble = _Ensemble(
         body, recordings, filmed or [nominal] * max(len(recordings), 1), names, measurements, config
     )
-    z, used = rng.standard_normal((config.members, len(names))), 0.0
+    z, used = _sample_prior(names, prior, config.members, rng), 0.0
     for step in range(config.max_steps + 1):
         residuals, valid = ensemble.predict(z)
         if valid.sum() < config.members / 4:
@@ -135,6 +138,19 @@ def believe(
         z = np.clip(_refill(kept, config.members, rng), -config.max_z, config.max_z)
         used += share
     return Belief(nominal, body, names, z[valid], float(squares.mean() / max(ensemble.data, 1.0)))
+
+
+def _sample_prior(
+    names: Sequence[str], prior: PrintedScene | None, members: int, rng: np.random.Generator
+) -> FloatArray:
+    """Members before the films, shape (N, P)."""
+    z = rng.standard_normal((members, len(names)))
+    if prior is None:
+        return z
+    known = [names.index(name) for name in prior.parameters]
+    root = np.linalg.cholesky(prior.covariance)
+    z[:, known] = prior.z + np.einsum("nj,ij->ni", z[:, known], root)
+    return z
 
 
 def _refill(z: FloatArray, members: int, rng: np.random.Generator) -> FloatArray:

@@ -145,12 +145,8 @@ def summarise(
         prior, sd = float(np.sqrt(gradient @ gradient)), float(np.sqrt(gradient @ covariance @ gradient))
         if prior == 0 or quantity.value(nominal) == 0:  # such as friction in sockets of a robot with pins
             continue
-        value, half_width = quantity.value(robot), config.interval * sd
-        interval = (
-            [value - half_width, value + half_width]
-            if quantity.additive
-            else list(value * np.exp([-half_width, half_width]))
-        )
+        value = quantity.value(robot)
+        interval = quantity.interval(value, config.interval * sd)
         quantities[name] = IdentifiedQuantity(
             round_number(value),
             quantity.unit,

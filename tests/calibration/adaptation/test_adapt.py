@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from collections.abc import Iterator
 from dataclasses import replace
@@ -24,12 +25,15 @@ from eldir.design import Design
 from eldir.errors import EldirError, InputError
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
+from eldir.parameters.uncertain import PARAMETERS
 from eldir.scene import Scene
 from eldir.terrain import Terrain
 from eldir.trajectory import Trajectory
 from eldir_app.application import application
 from eldir_calibration.adaptation.choice import discrepancy, expected_improvement
+from eldir_calibration.adaptation.films import FilmedWalk, nominal_robot
 from eldir_calibration.adaptation.loop import adapt
+from eldir_calibration.adaptation.page import quantity_rows
 from eldir_calibration.adaptation.runs import Adaptation, AdaptationConfig
 from eldir_calibration.dynamics.belief import BeliefConfig
 from eldir_calibration.dynamics.recording import INTERVAL, FilmedBody, Recording, predict_markers
@@ -157,6 +161,53 @@ def test_an_interrupted_adaptation_goes_on_with_the_same_decisions(bench: Bench)
     assert (place / "interrupted_01.mcap").read_bytes() == b"the first records of a log"
 
 
+def test_the_page_shows_each_run_and_what_is_believed(bench: Bench) -> None:
+    """Every number stands in the files beside it, and every link leads to one of them."""
+    out = bench.folder / "out"
+    found = Adaptation.load(out / "adaptation.json")
+    page = (out / "adaptation.html").read_text()
+    links = re.findall(r'(?:href|src)="(?!data:)([^"]+)"', page)
+    assert {run.log for run in found.runs} <= set(links) and all((out / link).exists() for link in links)
+    rows = re.findall(r"<tr(?: class=\"best\")?><td>(.+?)</tr>", page, re.DOTALL)
+    for row, run in zip(rows, found.runs, strict=False):
+        assert run.predicted is not None and run.deviation is not None
+        low, high = (run.predicted + sign * 1.96 * run.deviation for sign in (-1, 1))
+        assert f"{round(low, 2) + 0.0:+.2f} to {round(high, 2) + 0.0:+.2f}" in row
+        assert f"{round(run.filmed, 2) + 0.0:+.2f}" in row
+    assert f"Ended: {found.ended}." in page
+    belief = PrintedScene.load(out / "belief.json")
+    nominal = nominal_robot(bench.rig)
+    rows_by_name = {row.name: row for row in quantity_rows(nominal, None, belief)}
+    friction, place = rows_by_name["friction"], belief.parameters.index("friction")
+    assert friction.after == belief.built.friction and friction.before == nominal.printed.friction
+    spread = PARAMETERS["friction"].spread
+    assert np.log(friction.before_interval[1] / friction.before) == pytest.approx(1.96 * spread)
+    assert friction.left == pytest.approx(np.sqrt(belief.covariance[place, place]))
+
+
+def test_the_time_is_up_before_anything_is_heated(bench: Bench) -> None:
+    bench.driven.clear()
+    found = bench.adapt("late", replace(FEW, minutes=0.0))
+    assert found == Adaptation((), None, "the next run would end after 0 minutes") and not bench.driven
+    assert not (bench.folder / "late").exists()
+
+
+def test_with_another_current_the_error_of_earlier_films_counts(bench: Bench) -> None:
+    """Until there is a film with this current. The robots are those of a supply that is set otherwise."""
+    scene = PrintedScene.load(bench.folder / "out" / "run_02" / "belief.json")
+    film, own = scene.filmed_gaits[0], bench.rig.supply.current_limit_a
+    weaker = replace(scene.springs, current_limit=scene.springs.current_limit / 1.1)
+    (walk,) = simulate_most_probable(
+        IdentifiedRobots.of(bench.design, replace(scene, springs=weaker)), [film.gait], coarse=True
+    )
+    earlier = [FilmedWalk(film, own)]
+    assert discrepancy(bench.design, scene, earlier, 1.1 * own) == pytest.approx(
+        ((walk - film.walked) / 2, abs(walk - film.walked)), abs=2e-3
+    )
+    now = [*earlier, FilmedWalk(film, 1.1 * own)]
+    assert discrepancy(bench.design, scene, now, 1.1 * own) == discrepancy(bench.design, scene, earlier, own)
+
+
 def test_one_film_tells_half_of_what_is_predicted_too_much(bench: Bench) -> None:
     out = bench.folder / "out"
     runs = Adaptation.load(out / "adaptation.json").runs
@@ -164,7 +215,8 @@ def test_one_film_tells_half_of_what_is_predicted_too_much(bench: Bench) -> None
     (walk,) = simulate_most_probable(
         IdentifiedRobots.of(bench.design, scene), [scene.filmed_gaits[0].gait], coarse=True
     )
-    bias, error = discrepancy(bench.design, scene)
+    films = [FilmedWalk(film, bench.rig.supply.current_limit_a) for film in scene.filmed_gaits]
+    bias, error = discrepancy(bench.design, scene, films, bench.rig.supply.current_limit_a)
     assert bias == pytest.approx((walk - runs[0].filmed) / 2, abs=1e-4) and error == pytest.approx(
         abs(2 * bias)
     )
@@ -228,6 +280,7 @@ def test_the_supply_may_be_turned_up_between_runs_but_springs_stay(bench: Bench)
         found = bench.adapt("supply", replace(FEW, runs=3))
         assert [run.current_limit_a for run in found.runs] == [own, own, 3.3]
         scene = PrintedScene.load(copy / "run_03" / "belief.json")
+        assert found.runs[2].deviation is not None and found.runs[2].deviation > 0.0
         assert not scene.filmed_gaits and scene.provenance["logs"] == ["run_01.mcap", "run_02.mcap"]
         assert (
             scene.springs.current_limit

@@ -1,0 +1,127 @@
+"""Films of an adaptation, and the belief after them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+from eldir.built.gait import FilmedGait
+from eldir.built.robot import build
+from eldir.built.scene import PrintedScene
+from eldir.design import Design
+from eldir.errors import InputError
+from eldir.parameters.printed import BuiltParameters
+from eldir.parameters.robot import RobotParameters
+from eldir.parameters.springs import SpringParameters
+from eldir_calibration.adaptation.runs import AdaptationConfig
+from eldir_calibration.dynamics.belief import believe
+from eldir_calibration.dynamics.recording import (
+    NOT_MEASURED,
+    Measurements,
+    Progress,
+    find_fall,
+    require_informative,
+)
+from eldir_calibration.identification.identification import RobotFilms, read_films
+from eldir_hardware.rig.configuration import Rig
+
+MISFIT = "misfit"
+"""Entry of a belief's provenance."""
+
+
+class FilmedWalk(NamedTuple):
+    """A gait that was filmed, and the supply of that run."""
+
+    film: FilmedGait
+    current_limit_a: float
+    """Current limit of the supply [A]."""
+
+
+def filmed_walks(films: Sequence[RobotFilms]) -> list[FilmedWalk]:
+    """The gaits in the films, each with its supply."""
+    return [
+        FilmedWalk(gait, film.nominal.springs.current_limit) for film in films for gait in film.filmed_gaits
+    ]
+
+
+def nominal_robot(rig: Rig) -> RobotParameters:
+    """The robot as designed, of which the parameters of a belief are deviations: with hubs, on the present
+    supply."""
+    return RobotParameters(BuiltParameters().with_hubs(), rig.spring_parameters())
+
+
+def read_run(log: Path, design: Design, rig: Rig, progress: Progress) -> RobotFilms:
+    """The film of a run. Raises `InputError` if it shows too little, or if its springs differ in more than
+    the supply's current limit."""
+    films = read_films([log], design, progress)
+    require_informative(films.recordings)
+    springs = rig.spring_parameters()
+    if replace(films.nominal.springs, current_limit=springs.current_limit) != springs:
+        raise InputError(
+            f"the springs or the supply of {log} are not those of the rig file",
+            code="dynamics.different-rigs",
+            expected="the same, but for supply.current_limit_a",
+            remedy="begin a new folder",
+        )
+    return films
+
+
+def believe_films(
+    design: Design,
+    rig: Rig,
+    films: Sequence[RobotFilms],
+    prior: PrintedScene | None,
+    config: AdaptationConfig,
+    progress: Progress,
+) -> PrintedScene:
+    """The belief after all films, for the present supply, in the air of the last run. Films of a robot that
+    fell count until it fell, if that is later than the start of its first cycle.
+
+    `prior`: what is known before the films, else that of `eldir.parameters`.
+    """
+    rest, hubs = build(design.morphology).positions[design.marks], BuiltParameters().with_hubs()
+    recordings, filmed = [], []
+    for film in films:
+        (recording,) = film.recordings
+        fall = find_fall(rest, recording.tracked)
+        if fall is None or fall > recording.start:
+            recordings.append(recording if fall is None else recording.truncate(fall))
+            filmed.append(RobotParameters(hubs, _in_room(film.nominal.springs, film)))
+    nominal = RobotParameters(hubs, _in_room(rig.spring_parameters(), films[-1]))
+    read, measured = films[-1].readings, NOT_MEASURED
+    if read is not None and recordings and fall is None:
+        measured = Measurements(None, read.current_a, read.voltage_v, read.error)
+    belief = believe(
+        films[-1].body,
+        recordings,
+        nominal,
+        filmed=filmed,
+        measurements=measured,
+        prior=prior,
+        seed=config.seed,
+        progress=progress,
+        config=config.belief,
+    )
+    limit = nominal.springs.current_limit
+    return replace(
+        belief.scene,
+        body=design.body,
+        ballast_kg=design.ballast if design.ballast.any() else design.ballast[:0],
+        filmed_gaits=tuple(
+            gait
+            for film in films
+            for gait in film.filmed_gaits
+            if film.nominal.springs.current_limit == limit
+        ),
+        provenance=films[-1].provenance
+        | {"logs": [name for film in films for name in film.provenance["logs"]]}
+        | {"seed": config.seed, MISFIT: belief.misfit},
+    )
+
+
+def _in_room(springs: SpringParameters, film: RobotFilms) -> SpringParameters:
+    """The springs in the air that was measured before a run."""
+    (room,) = film.rooms_c
+    return springs if room is None else replace(springs, ambient=room)
