@@ -84,6 +84,8 @@ def adapt(
     typer.echo(f"ended: {found.ended}")
     if not found.runs:
         return
+    for fault in found.faults:
+        typer.echo(f"run {fault.run}: {fault.text}; {fault.remedy}")
     typer.echo(f"wrote {out / 'adaptation.html'}")
     if found.best is None:
         typer.echo("the robot stayed upright in no run; no schedule is written")

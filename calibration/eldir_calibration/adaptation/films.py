@@ -16,7 +16,7 @@ from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
 from eldir_calibration.adaptation.runs import AdaptationConfig
-from eldir_calibration.dynamics.belief import believe
+from eldir_calibration.dynamics.belief import Belief, believe
 from eldir_calibration.dynamics.recording import (
     NOT_MEASURED,
     Measurements,
@@ -75,9 +75,10 @@ def believe_films(
     prior: PrintedScene | None,
     config: AdaptationConfig,
     progress: Progress,
-) -> PrintedScene:
-    """The belief after all films, for the present supply, in the air of the last run. Films of a robot that
-    fell count until it fell, if that is later than the start of its first cycle.
+) -> tuple[PrintedScene, Belief]:
+    """The belief after all films, as other programs read it, and with its members, for the present supply, in
+    the air of the last run. Films of a robot that fell count until it fell, if that is later than the start
+    of its first cycle.
 
     `prior`: what is known before the films, else that of `eldir.parameters`.
     """
@@ -105,7 +106,7 @@ def believe_films(
         config=config.belief,
     )
     limit = nominal.springs.current_limit
-    return replace(
+    scene = replace(
         belief.scene,
         body=design.body,
         ballast_kg=design.ballast if design.ballast.any() else design.ballast[:0],
@@ -119,6 +120,7 @@ def believe_films(
         | {"logs": [name for film in films for name in film.provenance["logs"]]}
         | {"seed": config.seed, MISFIT: belief.misfit},
     )
+    return scene, belief
 
 
 def _in_room(springs: SpringParameters, film: RobotFilms) -> SpringParameters:

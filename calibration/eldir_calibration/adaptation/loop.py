@@ -20,6 +20,7 @@ from eldir.built.scene import PrintedScene
 from eldir.design import Design
 from eldir.errors import InputError
 from eldir_calibration.adaptation.choice import NoGaitError, advise_supply, discrepancy, plan_run
+from eldir_calibration.adaptation.faults import find_faults
 from eldir_calibration.adaptation.films import (
     MISFIT,
     FilmedWalk,
@@ -30,7 +31,7 @@ from eldir_calibration.adaptation.films import (
 )
 from eldir_calibration.adaptation.page import write_film, write_page
 from eldir_calibration.adaptation.prior import BELIEF, find_prior
-from eldir_calibration.adaptation.runs import Adaptation, AdaptationConfig, AdaptationRun, best_run
+from eldir_calibration.adaptation.runs import Adaptation, AdaptationConfig, AdaptationRun, Fault, best_run
 from eldir_calibration.dynamics.recording import Progress
 from eldir_calibration.identification.identification import RobotFilms
 from eldir_hardware.planning.plan import PlanConfig
@@ -40,6 +41,20 @@ from eldir_hardware.schedule import ActuationSchedule
 Drive = Callable[[ActuationSchedule, Path], None]
 """A function that plays a schedule and writes its log; it raises if the run was not played to its end."""
 _SCHEDULE, _SUMMARY = "schedule.json", "adaptation.json"
+_TO_REPAIR = ("supply", "motor", "stuck")
+
+
+class _Deadline:
+    """The time after which no run may end."""
+
+    def __init__(self, minutes: float | None, clock: Callable[[], float]):
+        self._minutes, self._clock = minutes, clock
+        self._end = None if minutes is None else clock() + 60 * minutes
+
+    def require(self, seconds: float) -> None:
+        """Raise `NoGaitError` if so many seconds are not left."""
+        if self._end is not None and self._clock() + seconds > self._end:
+            raise NoGaitError(f"the next run would end after {self._minutes:g} minutes")
 
 
 def adapt(
@@ -55,7 +70,8 @@ def adapt(
     clock: Callable[[], float] = time.monotonic,
 ) -> Adaptation:
     """Make runs in `folder`, a new one or that of an adaptation that goes on, until no gait is expected to
-    walk farther, or there are `config.runs`, or the next one would end after `config.minutes`.
+    walk farther, or there are `config.runs`, or the next one would end after `config.minutes`, or the last
+    film shows a fault that must be repaired.
 
     `on_run` is called with each run after its film was read. `prior`: folders of adaptations of other robots
     of the kit; they count from the first run on, so that a folder with runs has them already. The log of a
@@ -63,21 +79,19 @@ def adapt(
     `InputError` for a robot on a printed ground, whose films do not tell where it is, and for logs of other
     springs.
     """
-    end = None if config.minutes is None else clock() + 60 * config.minutes
-
-    def require_time(seconds: float) -> None:
-        if end is not None and clock() + seconds > end:
-            raise NoGaitError(f"the next run would end after {config.minutes:g} minutes")
-
+    deadline = _Deadline(config.minutes, clock)
     design = Design.load(design_file)
     _require_table(design)
     summary = folder / _SUMMARY
-    runs = list(Adaptation.load(summary).runs) if summary.exists() else []
+    begun = Adaptation.load(summary) if summary.exists() else Adaptation((), None, "")
+    runs, faults = list(begun.runs), begun.faults
     known = find_prior(folder, prior, nominal_robot(rig), rig.spring_tolerances())
     films = [read_run(folder / run.log, design, rig, progress) for run in runs]
     for run, film in zip(runs, films, strict=True):  # after an interruption one may be missing
         write_film(folder / run.log, design, film)
-    scene = believe_films(design, rig, films, known, config, progress) if films else known
+    scene = known
+    if films:
+        scene, faults = _learn(design, rig, films, known, faults, config, progress)
     ended = f"all {config.runs} runs are made"
     while len(runs) < config.runs:
         place = folder / f"run_{len(runs) + 1:02d}"
@@ -93,11 +107,12 @@ def adapt(
             schedule = ActuationSchedule.load(place / _SCHEDULE)
         else:
             try:
-                require_time(1.0)
+                _require_repaired(faults, len(runs))
+                deadline.require(1.0)
                 schedule = plan_run(
                     design, rig, plans, runs, filmed_walks(films), config, lambda what: progress(what, 0.0)
                 )
-                require_time(schedule.duration)
+                deadline.require(schedule.duration)
             except NoGaitError as reason:
                 ended = str(reason)
                 break
@@ -115,13 +130,37 @@ def adapt(
         _save(folder, Adaptation(tuple(runs), best_run(runs), ""))
         on_run(len(runs), runs[-1])
         write_film(log, design, films[-1])
-        scene = believe_films(design, rig, films, known, config, progress)
-        _report(folder, rig, Adaptation(tuple(runs), best_run(runs), ""), known, scene)
+        scene, faults = _learn(design, rig, films, known, faults, config, progress)
+        _report(folder, rig, Adaptation(tuple(runs), best_run(runs), "", (), faults), known, scene)
     if scene is None or not films:
         return Adaptation((), None, ended)
     filmed = filmed_walks(films)
     advice = () if best_run(runs) is None else advise_supply(design, rig, folder, runs, filmed, scene, config)
-    return _report(folder, rig, Adaptation(tuple(runs), best_run(runs), ended, advice), known, scene)
+    found = Adaptation(tuple(runs), best_run(runs), ended, advice, faults)
+    return _report(folder, rig, found, known, scene)
+
+
+def _learn(
+    design: Design,
+    rig: Rig,
+    films: Sequence[RobotFilms],
+    prior: PrintedScene | None,
+    faults: Sequence[Fault],
+    config: AdaptationConfig,
+    progress: Progress,
+) -> tuple[PrintedScene, tuple[Fault, ...]]:
+    """The belief after all films, and the faults that they show; `faults`: those that earlier ones did."""
+    scene, belief = believe_films(design, rig, films, prior, config, progress)
+    number = len(films)
+    earlier = tuple(fault for fault in faults if fault.run < number)
+    return scene, earlier + find_faults(number, films[-1], belief)
+
+
+def _require_repaired(faults: Sequence[Fault], number: int) -> None:
+    """Raise `NoGaitError` for a fault in the last run that no gait can make up for."""
+    for fault in faults:
+        if fault.run == number and fault.kind in _TO_REPAIR:
+            raise NoGaitError(f"{fault.text}. Repair it, then begin a new folder")
 
 
 def _require_table(design: Design) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -60,6 +60,21 @@ class AdaptationRun(Record):
 
 
 @record
+class Fault(Record):
+    """Why the robot does not walk, as a film shows it."""
+
+    run: Annotated[int, Field(ge=1)]
+    """Number of the run, from 1."""
+    kind: Literal["fall", "supply", "motor", "cold", "stuck"]
+    """fall: it falls; supply: it gives less current than it is set to; motor: one does nothing; cold: the
+    springs use little of their stroke; stuck: a foot does not leave its place."""
+    text: str
+    """What the film shows."""
+    remedy: str
+    """What to change."""
+
+
+@record
 class SupplyAdvice(Record):
     """A higher current limit, which needs narrower tolerances in the rig file, and its predicted walk."""
 
@@ -83,7 +98,7 @@ class Adaptation(FileRecord):
     """Runs of an adaptation, and the best of them. JSON "eldir-adaptation/1"."""
 
     FORMAT = "eldir-adaptation/1"
-    OPTIONAL = frozenset()
+    OPTIONAL = frozenset({"faults"})
 
     runs: tuple[AdaptationRun, ...]
     """The runs, in the order in which they were made."""
@@ -93,6 +108,8 @@ class Adaptation(FileRecord):
     """Why no further run was made; empty while runs are left."""
     advice: tuple[SupplyAdvice, ...] = ()
     """What a higher current would bring; empty while runs are left."""
+    faults: tuple[Fault, ...] = ()
+    """Why the robot does not walk, as the films show it; empty where they do not."""
 
 
 def best_run(runs: Sequence[AdaptationRun]) -> int | None:

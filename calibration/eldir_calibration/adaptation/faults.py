@@ -1,0 +1,195 @@
+"""Why a robot does not walk, as its last film and meters show it.
+
+A fault is stated only where the film itself shows it; where the belief tells one thing and the film does not,
+nothing is said. How far the springs move is read from the belief, whose members move as the film does: the
+ends of a motor mostly carry no markers.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from eldir.built.heat import HeatModel, SpringState, heat
+from eldir.built.robot import build
+from eldir.core.records import FloatArray
+from eldir.parameters.robot import perturb_robot
+from eldir.parameters.springs import SpringParameters
+from eldir_calibration.adaptation.runs import Fault
+from eldir_calibration.dynamics.belief import Belief
+from eldir_calibration.dynamics.recording import INTERVAL, FilmedBody, Recording, find_fall
+from eldir_calibration.identification.identification import RobotFilms
+from eldir_calibration.report.comparison import PHASE_SAMPLES, Motion
+
+_MAX_IDLE = 0.2
+"""A motor does nothing if its stroke is at most this part of the longest one's: of springs that work it is
+0.6 and more."""
+_MIN_EXPLAINED = 0.96
+"""The other motors must explain at least this part of the film's shape: of two that work one explains up to
+0.95."""
+_MAX_COLD = 0.55
+"""Springs are too cold if they use at most this part of their stroke."""
+_SURE = 1.64  # standard deviations on one side: 95 %
+_MAX_REST = 1e-3
+"""A foot rests if its marker keeps within this [m], six standard deviations of the camera's noise."""
+_MIN_SHAPE = 1e-3
+"""The springs move the robot if its shape changes by this, root mean square [m]."""
+_WEAK = 0.93
+"""A supply is weak if it gives less than this part of its current: its tolerance is 5 %."""
+_CURRENTS = (0.9, 1.0, 1.1, 1.25)
+"""Springs with these multiples of the current span the responses of a motor that may be filmed."""
+_GROUND = 1e-6  # heights of masses that stand on the ground at rest [m]
+
+
+def find_faults(number: int, film: RobotFilms, belief: Belief) -> tuple[Fault, ...]:
+    """Why the robot does not walk in run `number`: it fell, the supply gives less than it is set to, a motor
+    does nothing, a foot does not leave its place, or the springs stay too cold. Empty if the film shows none
+    of these. `belief`: after the film."""
+    (recording,) = film.recordings
+    fall = find_fall(build(film.body.morphology).positions[film.body.marker_masses], recording.tracked)
+    if fall is not None:
+        return (
+            Fault(
+                number,
+                "fall",
+                f"the robot falls at {fall:.0f} s",
+                "put ballast where the robot is low, or take another design if it falls with every gait",
+            ),
+        )
+    return (
+        _find_weak_supply(number, film)
+        or _find_idle_motors(number, film, belief)
+        or _find_stuck_feet(number, film.body, recording)
+        or _find_cold_springs(number, film, belief)  # last: springs that are held are believed to be cold
+    )
+
+
+def _find_weak_supply(number: int, film: RobotFilms) -> tuple[Fault, ...]:
+    read, springs = film.readings, film.nominal.springs
+    if read is None:
+        return ()
+    expected = float(springs.current(0.0))
+    if read.current_a * (1 + read.current_error) >= _WEAK * expected:
+        return ()
+    return (
+        Fault(
+            number,
+            "supply",
+            f"the sensor measures {read.current_a:.2f} A in hot springs instead of {expected:.2f} A",
+            "check the supply's current limit and voltage, contacts and leads",
+        ),
+    )
+
+
+def _find_idle_motors(number: int, film: RobotFilms, belief: Belief) -> tuple[Fault, ...]:
+    (recording,) = film.recordings
+    _, strokes = spring_strokes(belief, film.nominal.springs, recording)
+    mean = strokes.mean(axis=0)
+    idle = [a for a, stroke in enumerate(mean) if stroke <= _MAX_IDLE * mean.max()]
+    working = [a for a in range(len(mean)) if a not in idle]
+    if not idle or explained_share(film.body, recording, film.nominal.springs, working) < _MIN_EXPLAINED:
+        return ()
+    return tuple(
+        Fault(
+            number,
+            "motor",
+            f"motor {a} does nothing: the robot's shape follows the heating of the other motors alone",
+            f"check wiring, contacts and leads of both springs of motor {a}: eldir rig doctor shows them",
+        )
+        for a in idle
+    )
+
+
+def _find_cold_springs(number: int, film: RobotFilms, belief: Belief) -> tuple[Fault, ...]:
+    used, _ = spring_strokes(belief, film.nominal.springs, film.recordings[0])
+    mean = used.mean(axis=0)
+    if not belief.explains or (mean + _SURE * used.std(axis=0)).max() > _MAX_COLD:
+        return ()
+    return (
+        Fault(
+            number,
+            "cold",
+            f"the springs use {mean.max():.0%} of their stroke: they stay too cold",
+            "turn the supply up as far as the limits allow, and keep draughts away",
+        ),
+    )
+
+
+def _find_stuck_feet(number: int, body: FilmedBody, recording: Recording) -> tuple[Fault, ...]:
+    motion = _motion(body, recording)
+    heights = body.morphology.positions[:, 1]
+    feet = np.flatnonzero(heights[body.marker_masses] <= heights.min() + _GROUND)
+    inside = (recording.tracked.times >= recording.start) & (recording.tracked.times <= recording.end)
+    forward = recording.tracked.positions[inside][:, feet, 0]
+    if not len(feet) or not np.isfinite(forward).any(axis=0).all():
+        return ()
+    moved = np.nanpercentile(forward, 97.5, axis=0) - np.nanpercentile(forward, 2.5, axis=0)
+    shape = float(np.sqrt(np.mean(_mean_shape(motion) ** 2)))
+    names = [recording.tracked.names[k] for k, m in zip(feet, moved, strict=True) if m <= _MAX_REST]
+    if not names or shape < _MIN_SHAPE:
+        return ()
+    return (
+        Fault(
+            number,
+            "stuck",
+            f"the foot with marker {', '.join(names)} does not leave its place, although the springs move",
+            "clean the feet and the table, look for a foot that is caught, or lay another surface",
+        ),
+    )
+
+
+def spring_strokes(
+    belief: Belief, springs: SpringParameters, recording: Recording
+) -> tuple[FloatArray, FloatArray]:
+    """How far the spring of each motor of each member moves in the cycles that count: as a part of what it
+    could, and in metres, shape (N, A) each. `springs`: those of the run, as they should be."""
+    morphology = belief.body.morphology
+    nominal = replace(belief.nominal, springs=springs)
+    members = [perturb_robot(morphology, nominal, belief.names, z) for z in belief.z]
+    each = [s for robot in members for s in robot.motor_springs(morphology.motors)]
+    cold = SpringState(np.array([s.ambient for s in each]), np.ones(len(each)))
+    on = np.tile(recording.contact_shares, (1, len(members)))
+    lengths = heat(on, INTERVAL, each, cold).length[int(recording.start / INTERVAL) :]
+    strokes = np.ptp(lengths, axis=0)
+    possible = np.array([s.hot_length - s.cold_length for s in each])
+    shape = len(members), morphology.motors
+    return (strokes / possible).reshape(shape), strokes.reshape(shape)
+
+
+def explained_share(
+    body: FilmedBody, recording: Recording, springs: SpringParameters, motors: list[int]
+) -> float:
+    """Share of the variance of the filmed shape, in the mean cycle, that follows the heating of these motors
+    alone: of a linear fit to the responses of springs with different currents."""
+    shape = _mean_shape(_motion(body, recording))
+    begin, step = recording.start, recording.period / PHASE_SAMPLES
+    at = ((begin + step * (np.arange(PHASE_SAMPLES) + 0.5)) / INTERVAL).astype(int)
+    columns = []
+    for motor in motors:
+        on = recording.contact_shares[:, [motor] * len(_CURRENTS)]
+        each = [replace(springs, current_limit=c * springs.current_limit) for c in _CURRENTS]
+        length = HeatModel(each).run(on, INTERVAL).length[at]
+        part = (length - springs.cold_length) / (springs.hot_length - springs.cold_length)
+        columns += [part, part**2]
+    if not columns or not shape.any():
+        return 0.0
+    table = np.concatenate(columns, axis=1)
+    table -= table.mean(axis=0)
+    fit, *_ = np.linalg.lstsq(table, shape, rcond=1e-4)
+    return float(1.0 - np.sum((shape - table @ fit) ** 2) / np.sum(shape**2))
+
+
+def _mean_shape(motion: Motion) -> FloatArray:
+    """Heights, and forward places relative to the markers' mean, over the mean cycle, less their means [m],
+    shape (PHASE_SAMPLES, 2 markers); markers that were never seen are left out."""
+    x = motion.by_phase()
+    x = x[:, :, np.isfinite(x).all(axis=(0, 1, 3))].mean(axis=0)
+    forward = x[..., 0] - x[..., 0].mean(axis=1, keepdims=True)
+    shape = np.concatenate([forward, x[..., 1]], axis=1)
+    return shape - shape.mean(axis=0)
+
+
+def _motion(body: FilmedBody, recording: Recording) -> Motion:
+    length = build(body.morphology).body_length
+    return Motion(recording.tracked, recording.start, recording.period, recording.cycles, length)

@@ -1,0 +1,115 @@
+"""Faults that a film shows, and films that do not show them. A belief alone states none."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from eldir.controller import Controller
+from eldir.design import Design
+from eldir.parameters.robot import RobotParameters
+from eldir.scene import Scene
+from eldir.trajectory import Trajectory
+from eldir_calibration.adaptation.faults import explained_share, find_faults, spring_strokes
+from eldir_calibration.comparison.meters import MeterReadings
+from eldir_calibration.dynamics.belief import Belief
+from eldir_calibration.dynamics.recording import Recording, predict_markers
+from eldir_calibration.identification.identification import RobotFilms
+from tests.calibration.dynamics.hidden_rigs import (
+    LATTICE,
+    NOMINAL,
+    blank_film,
+    seen_by_camera,
+    walker,
+    walker_genotype,
+)
+
+SPRINGS = NOMINAL.springs
+NAMES = ("current", "spring 1 current")
+"""The second one is the difference between the motors: the first has more, the other one less."""
+BOTH_WORK, SECOND_IDLE, BOTH_COLD = (0.0, 0.0), (-0.8, 4.0), (-1.3, 0.0)
+
+
+@cache
+def film(*heated: int) -> Recording:
+    """Two cycles of the walker, seen by a camera, in which only the springs of these motors get warm."""
+    blank = blank_film(walker(), 2)
+    shares = blank.contact_shares * np.isin(np.arange(2), heated)
+    moved = predict_markers(walker(), [replace(blank, contact_shares=shares)], [NOMINAL])[0][0]
+    return seen_by_camera(blank, moved, 1)
+
+
+def films(recording: Recording, readings: MeterReadings | None = None) -> RobotFilms:
+    controller = Controller.random(len(walker().morphology.positions), 2, np.random.default_rng(1))
+    design = Design(LATTICE, walker_genotype(), controller, Scene.preset("paper"))
+    return RobotFilms(walker(), [recording], NOMINAL, (), design, [], {}, readings)
+
+
+def believed(z: Sequence[float], misfit: float = 0.5) -> Belief:
+    """Members that are nearly alike."""
+    rng = np.random.default_rng(2)
+    return Belief(NOMINAL, walker(), NAMES, np.array(z) + 0.01 * rng.standard_normal((8, 2)), misfit)
+
+
+def kinds(recording: Recording, belief: Belief, readings: MeterReadings | None = None) -> list[str]:
+    return [fault.kind for fault in find_faults(1, films(recording, readings), belief)]
+
+
+def moved(recording: Recording, positions: np.ndarray) -> Recording:
+    tracked = recording.tracked
+    return replace(recording, tracked=Trajectory(tracked.names, tracked.times, positions))
+
+
+def test_a_motor_that_does_nothing_is_named() -> None:
+    (fault,) = find_faults(3, films(film(0)), believed(SECOND_IDLE))
+    assert (fault.run, fault.kind) == (3, "motor") and fault.text.startswith("motor 1 does nothing")
+    assert explained_share(walker(), film(0), SPRINGS, [0]) > 0.97
+    assert explained_share(walker(), film(0, 1), SPRINGS, [0]) < 0.95
+
+
+@pytest.mark.parametrize("belief", [believed(SECOND_IDLE), believed(BOTH_WORK), believed(BOTH_COLD, 1.5)])
+def test_a_film_in_which_both_motors_work_shows_no_fault(belief: Belief) -> None:
+    """Whatever the belief says, such as one that explains the film by a motor that does nothing."""
+    assert kinds(film(0, 1), belief) == []
+
+
+def test_springs_that_use_little_of_their_stroke_are_too_cold() -> None:
+    belief = believed(BOTH_COLD)
+    used, strokes = spring_strokes(belief, SPRINGS, film(0, 1))
+    possible = SPRINGS.hot_length - SPRINGS.cold_length
+    assert used.shape == (8, 2) and 0.0 < used.max() < 0.5
+    np.testing.assert_allclose(strokes, used * possible)
+    assert kinds(film(0, 1), belief) == ["cold"]
+    full, _ = spring_strokes(believed(BOTH_WORK), SPRINGS, film(0, 1))
+    np.testing.assert_allclose(full, 1.0, atol=0.02)
+
+
+def test_a_foot_that_stays_in_its_place_is_stuck_if_the_springs_move() -> None:
+    positions = film(0, 1).tracked.positions.copy()
+    heights = walker().morphology.positions[walker().marker_masses, 1]
+    foot = int(heights.argmin())
+    positions[..., 0] -= positions[:, foot : foot + 1, 0]
+    positions[..., foot, 0] += 1e-4 * np.random.default_rng(3).standard_normal(len(positions))
+    for belief in (believed(BOTH_WORK), believed(BOTH_COLD)):  # the latter, because the springs are held
+        assert kinds(moved(film(0, 1), positions), belief) == ["stuck"]
+    still = positions[:1] + 1e-4 * np.random.default_rng(4).standard_normal(positions.shape)
+    assert kinds(moved(film(0, 1), still), believed(BOTH_WORK)) == []
+
+
+def test_a_fall_is_told_with_its_time() -> None:
+    positions, times = film(0, 1).tracked.positions.copy(), film(0, 1).tracked.times
+    c, s = np.cos(1.2), np.sin(1.2)
+    positions[times > 40.0] @= np.array([[c, s], [-s, c]])
+    (fault,) = find_faults(1, films(moved(film(0, 1), positions)), believed(BOTH_WORK))
+    assert fault.kind == "fall" and fault.text == "the robot falls at 40 s"
+
+
+@pytest.mark.parametrize(("ratio", "found"), [(0.85, ["supply"]), (0.96, [])])
+def test_a_supply_that_gives_too_little_is_measured(ratio: float, found: list[str]) -> None:
+    current = ratio * float(RobotParameters().springs.current(0.0))
+    readings = MeterReadings(current, 4.0, 0.01, 0.01, 5)
+    assert kinds(film(0, 1), believed(BOTH_WORK), readings) == found
