@@ -17,6 +17,7 @@ from eldir.core.version import __version__
 from eldir.design import Design
 from eldir.errors import EldirError
 from eldir.parameters.robot import QUANTITIES, RobotParameters
+from eldir.parameters.uncertain import PARAMETERS
 from eldir_calibration.adaptation.prior import BELIEF
 from eldir_calibration.adaptation.runs import Adaptation, AdaptationRun
 from eldir_calibration.comparison.film import render_film
@@ -33,6 +34,7 @@ from eldir_hardware.vision.sources import LoggedFrames
 PAGE = "adaptation.html"
 _FILM, _REPORT = "film.webm", "report/index.html"
 _BEFORE, _AFTER, _FILMED = "#E69F00", "#0072B2", "#000000"
+_UNSEEN = {parameter.quantity for parameter in PARAMETERS.values() if parameter.unobservable}
 _HALF_WIDTH = DEFAULT_CONFIG.interval
 
 
@@ -155,13 +157,16 @@ def _run_row(folder: Path, number: int, run: AdaptationRun) -> RunRow:
 def quantity_rows(
     nominal: RobotParameters, prior: PrintedScene | None, belief: PrintedScene
 ) -> list[QuantityRow]:
-    """The quantities of the robot with their 95 % intervals, before and after the films."""
+    """The quantities of the robot with their 95 % intervals, before and after the films, without those that
+    no film determines: an ensemble of 64 members becomes narrower in them by chance."""
     names, rows = belief.parameters, []
     unknown = np.eye(len(names))
     before = nominal if prior is None else prior.robot
     for name, quantity in QUANTITIES.items():
         gradient = quantity.gradient(names)
-        if not gradient.any() or quantity.value(nominal) == 0:  # such as of sockets, of a robot with pins
+        if (
+            name in _UNSEEN or not gradient.any() or quantity.value(nominal) == 0
+        ):  # such as of sockets, of a robot with pins
             continue
         widths = [
             _HALF_WIDTH * float(np.sqrt(gradient @ covariance @ gradient))

@@ -25,7 +25,12 @@ from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
 from eldir.parameters.tolerances import RigTolerances
-from eldir.parameters.uncertain import PARAMETERS, UncertainParameter, applicable_parameters
+from eldir.parameters.uncertain import (
+    PARAMETERS,
+    UncertainParameter,
+    applicable_parameters,
+    is_unobservable,
+)
 
 BELIEF, PRIOR = "belief.json", "prior.json"
 """Files of an adaptation: what is believed after its films, and before them."""
@@ -147,7 +152,8 @@ def _information(belief: KitBelief, names: tuple[str, ...]) -> tuple[FloatArray,
     zeros, ones = np.zeros(len(names)), np.ones(len(names))
     mean, variance = (zeros, ones) if before is None else (before.z, np.diag(before.covariance))
     left = np.diag(after.covariance)
-    told = left <= _MAX_KNOWN * variance
+    observable = np.array([not is_unobservable(name) for name in names])  # else narrower by chance
+    told = observable & (left <= _MAX_KNOWN * variance)
     precision = np.where(told, 1.0 / np.where(told, left, 1.0) - 1.0 / variance, 0.0)
     weighted = np.where(told, after.z / np.where(told, left, 1.0) - mean / variance, 0.0)
     return precision, weighted / np.where(told, precision, 1.0)

@@ -178,6 +178,7 @@ def test_the_page_shows_each_run_and_what_is_believed(bench: Bench) -> None:
     belief = PrintedScene.load(out / "belief.json")
     nominal = nominal_robot(bench.rig)
     rows_by_name = {row.name: row for row in quantity_rows(nominal, None, belief)}
+    assert not {"heat capacity", "resistivity", "printed mass"} & set(rows_by_name)
     friction, place = rows_by_name["friction"], belief.parameters.index("friction")
     assert friction.after == belief.built.friction and friction.before == nominal.printed.friction
     spread = PARAMETERS["friction"].spread

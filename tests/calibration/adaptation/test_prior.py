@@ -14,7 +14,7 @@ from eldir.errors import InputError
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
 from eldir.parameters.tolerances import RigTolerances
-from eldir.parameters.uncertain import PARAMETERS, applicable_parameters
+from eldir.parameters.uncertain import PARAMETERS, applicable_parameters, is_unobservable
 from eldir_calibration.adaptation.prior import (
     KitBelief,
     difference_between_robots,
@@ -50,7 +50,11 @@ def test_two_robots_tell_of_a_third_as_the_joint_normal_distribution_does() -> N
     films = rng.standard_normal((2, len(NAMES)))
     beliefs = [KitBelief(str(i), None, conclude(film)) for i, film in enumerate(films)]
     found = kit_prior(beliefs, NOMINAL, TOLERANCES)
+    unseen = [is_unobservable(name) for name in NAMES]
+    assert any(unseen) and not found.z[unseen].any()
     for k, own in enumerate(own_variances()):
+        if unseen[k]:
+            continue
         joint = np.full((3, 3), 1 - own) + own * np.eye(3)  # of the robots' parameters: the kit is common
         gain = joint[2, :2] @ np.linalg.inv(joint[:2, :2] + ERRORS[k] ** 2 * np.eye(2))
         assert found.z[k] == pytest.approx(gain @ films[:, k], abs=1e-6)
