@@ -32,9 +32,8 @@ CIRCLE = f"""
 import pickle
 from pathlib import Path
 from eldir.built import samples
-from eldir.evolution.printed import search
 from eldir_app.demo import DemoConfig, run_demo
-samples.CYCLES, search._RANDOM = 1, 2
+samples.CYCLES = 1
 truth = []
 config = DemoConfig({SEED}, population=4, min_generations=0, max_generations=0, finalists=1,
     samples={SAMPLES}, cycles={CYCLES})

@@ -26,7 +26,6 @@ from eldir.core.files import write_bytes, write_text
 from eldir.core.worker_process import WorkerProcess
 from eldir.design import Design
 from eldir.errors import InputError
-from eldir.evolution.printed import search
 from eldir.parameters.printed import BuiltParameters
 from eldir.terrain import Terrain, TerrainFile
 from eldir_app.application import application
@@ -79,7 +78,6 @@ def circle(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Circle]:
     folder = tmp_path_factory.mktemp("circle")
     with pytest.MonkeyPatch.context() as shorter:  # how far it walks in the end is no matter here
         shorter.setattr(samples, "CYCLES", 1)
-        shorter.setattr(search, "_RANDOM", 2)
         yield _play(folder)
 
 

@@ -152,6 +152,7 @@ def test_the_counts_add_up(top, monkeypatch):
     monkeypatch.setattr(module, "screen", lambda *_, **__: stands)
     still = SampledWalks(np.zeros(2), np.zeros(2))
     monkeypatch.setattr(module, "sample_walks", lambda robots, gaits, seed, coarse: [still])
+    monkeypatch.setattr(module, "predict_lateral_stability", lambda *_: None)
     found = rank([], top)
     assert len(found.candidates) == top
     assert found.considered == top + sum(found.left_out.values()) == 10
@@ -250,6 +251,7 @@ def test_of_robots_with_a_gait_those_that_differ_are_sampled_first(monkeypatch):
     monkeypatch.setattr(module, "sample_walks", walks)
     monkeypatch.setattr(module, "check", lambda *_: BuildReport.of((), {}))
     monkeypatch.setattr(module, "walk", lambda *_, **__: 1.0)
+    monkeypatch.setattr(module, "predict_lateral_stability", lambda *_: None)
     for top, looked_at in ((1, [0, 2]), (2, [0, 2, 1]), (3, [0, 2, 1])):
         sampled.clear()
         found = rank(designs, top=top, springs=SpringParameters(current_limit=3.45))

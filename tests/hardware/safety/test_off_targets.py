@@ -15,7 +15,6 @@ from eldir_hardware.safety import off_targets as module
 from eldir_hardware.safety.latch import BoardRecord
 from eldir_hardware.safety.off_targets import OffTarget, find_off_targets
 from eldir_hardware.safety.state_folder import StateError
-from tests.raised import raises
 
 
 @pytest.fixture
@@ -162,10 +161,14 @@ def test_records_that_cannot_be_read_stop_nothing(hints):
     assert [t.port for t in targets] == ["/dev/null"] and remarks == ["other users can write it"]
 
 
-def test_a_virtual_rig_has_no_port_unless_one_is_named(hints):
-    hints.told = BoardHints(virtual=True)
-    with raises(InputError, "rig.virtual", match=r"rig.yaml"):
-        find_off_targets(Path("rig.yaml"), None, None)
+def test_a_virtual_rig_has_the_port_through_which_it_is_driven_or_the_named_one(hints):
+    hints.told = BoardHints(virtual=True, name="bench")
+    hints.records = {"a": record("/dev/null", rig="bench"), "b": record("/dev/ttyUSB70", rig="bench")}
+    assert find_off_targets(Path("rig.yaml"), None, None) == ([], []), "nothing drives it now"
+    hints.guarded = [guarded(1, "/dev/null")]
+    assert list(found(Path("rig.yaml"), None, None)) == ["/dev/null"]
+    hints.records = {"a": record("/dev/null", rig="another")}
+    assert found(Path("rig.yaml"), None, None) == {}
     assert list(found(Path("rig.yaml"), "/dev/null", None)) == ["/dev/null"]
     hints.told = BoardHints(("/dev/null",), virtual=True)
     assert list(found(Path("rig.yaml"), None, None)) == ["/dev/null"]
