@@ -21,6 +21,14 @@ def export(
     rig: Annotated[
         Path | None, typer.Option(help="Rig file: springs and supply of the schedule. Default: nominal ones.")
     ] = None,
+    dimensions: Annotated[
+        int,
+        typer.Option(
+            min=2,
+            max=3,
+            help="3: each face has its own strips, springs and feet; the robot may turn and fall sideways.",
+        ),
+    ] = 2,
     printer: Printer = PRINTER,
     parts: PartsFile = None,
 ) -> None:
@@ -43,6 +51,7 @@ def export(
     springs = None if rig is None else Rig.load(rig).spring_parameters()
     heating = None if schedule is None else ActuationSchedule.load(schedule)
     robot = Design.load(design)
-    written = export_robot(robot, out, load_specification(parts), load_printer(printer), heating, springs)
+    kit = load_specification(parts), load_printer(printer)
+    written = export_robot(robot, out, *kit, heating, springs, dimensions)
     for path in written:
         typer.echo(f"wrote {path}")

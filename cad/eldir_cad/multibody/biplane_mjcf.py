@@ -13,6 +13,7 @@ As `eldir_cad.multibody.mjcf`, for each face by itself, with these differences:
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
@@ -30,12 +31,16 @@ from eldir_cad.multibody.mjcf_elements import (
     add_assets,
     add_coil_tendon,
     add_element,
+    add_keyframe,
     add_options,
+    add_parts,
     add_strip_tendon,
     add_world,
     contact_attributes,
     format_numbers,
+    hinge_distances,
     limit_attributes,
+    parts_name,
     socket_attributes,
     thread_sites,
 )
@@ -56,17 +61,23 @@ def disc_name(hub: int, face: Face) -> str:
     return f"{hub_name(hub)}_{face}"
 
 
-def biplane_mjcf(model: Biplane, name: str = "robot") -> str:
-    """The model as the text of an MJCF file; the same model gives the same text."""
+def biplane_mjcf(model: Biplane, name: str = "robot", meshes: Mapping[int, str] | None = None) -> str:
+    """The model as the text of an MJCF file; the same model gives the same text.
+
+    `meshes`: as of `mjcf_text`; hubs whose discs have no connector are drawn without.
+    """
     root = Element("mujoco", model=name)
     add_options(root, model.plane, model.side_tilt)
     assets = add_assets(root, model.plane)
+    drawn = {hub: file for hub, file in (meshes or {}).items() if model.discs[hub].joining != "apart"}
+    for hub, file in drawn.items():
+        add_element(assets, "mesh", name=parts_name(hub), file=file)
     world = add_world(root, assets, model.plane, _HALF_WIDTH)
     tendons, equality = Element("tendon"), Element("equality")
     actuators = Element("actuator")
     bodies: Bodies = {}
     for hub, pair in enumerate(model.discs):
-        _add_hub(world, equality, bodies, model, hub, pair)
+        _add_hub(world, equality, bodies, model, hub, pair, hub in drawn)
     for face, parts in zip(FACES, model.faces, strict=True):
         for number, strip in enumerate(parts.strips):
             _add_strip(tendons, bodies, model, number, face, strip)
@@ -76,12 +87,20 @@ def biplane_mjcf(model: Biplane, name: str = "robot") -> str:
             ends = _hinges(bodies, model, f"coil_{number}_{face}", face, coil.hubs)[0]
             add_coil_tendon(tendons, actuators, f"coil_{number}_{face}", ends, coil)
     root.extend([tendons, equality, actuators])
+    joints = sum(1 for _ in world.iter("joint"))
+    add_keyframe(root, joints, np.repeat(hinge_distances(model.plane), len(FACES)))
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="unicode") + "\n"
 
 
 def _add_hub(
-    world: Element, equality: Element, bodies: Bodies, model: Biplane, hub: int, pair: DiscPair
+    world: Element,
+    equality: Element,
+    bodies: Bodies,
+    model: Biplane,
+    hub: int,
+    pair: DiscPair,
+    has_mesh: bool,
 ) -> None:
     plane, name = model.plane, hub_name(hub)
     x, y = plane.hubs[hub].position
@@ -99,8 +118,10 @@ def _add_hub(
             back = add_element(front, "body", name=f"{name}_back")
             _add_connector(back, equality, model, name, pair)
     for face, body, parts in zip(FACES, (front, back), model.faces, strict=True):
-        _add_disc(body, model, hub, face, parts)
+        _add_disc(body, model, hub, face, parts, has_mesh)
         bodies[hub, face] = body
+    if has_mesh:
+        add_parts(front, hub)
 
 
 def _add_joints(body: Element, name: str, inertia: Inertia, drag: float) -> None:
@@ -134,12 +155,13 @@ def _add_connector(back: Element, equality: Element, model: Biplane, name: str, 
     _add_mass(back, pair.back)
 
 
-def _add_disc(body: Element, model: Biplane, hub: int, face: Face, parts: FaceParts) -> None:
+def _add_disc(body: Element, model: Biplane, hub: int, face: Face, parts: FaceParts, has_mesh: bool) -> None:
     name, side, plane = disc_name(hub, face), face_side(face), model.plane
     contact = contact_attributes(plane, float(parts.friction[hub]))
     _site(body, name, side * model.springs_at * _LATERAL)
     foot = {"contype": "0", "conaffinity": "1", "pos": format_numbers(side * model.outside * _LATERAL)}
-    add_element(body, "geom", name=f"{name}_foot", type="mesh", mesh="hexagon", **foot, **contact)
+    hidden = {"group": "3"} if has_mesh else {}
+    add_element(body, "geom", name=f"{name}_foot", type="mesh", mesh="hexagon", **foot, **contact, **hidden)
     touching = {"contype": "2", "conaffinity": "2", "pos": format_numbers(side * model.springs_at * _LATERAL)}
     size = format_numbers([plane.contact_radius])
     add_element(body, "geom", name=f"{name}_side", type="sphere", size=size, group="3", **touching, **contact)

@@ -28,11 +28,15 @@ from eldir_cad.multibody.mjcf_elements import (
     add_assets,
     add_coil_tendon,
     add_element,
+    add_keyframe,
     add_options,
+    add_parts,
     add_strip_tendon,
     add_world,
     contact_attributes,
     format_numbers,
+    hinge_distances,
+    parts_name,
     socket_attributes,
     thread_sites,
 )
@@ -127,7 +131,7 @@ def mjcf_text(model: Multibody, name: str = "robot", meshes: Mapping[int, str] |
     add_options(root, model)
     assets = add_assets(root, model)
     for hub, file in (meshes or {}).items():
-        add_element(assets, "mesh", name=f"parts_{hub:02d}", file=file)
+        add_element(assets, "mesh", name=parts_name(hub), file=file)
     world = add_world(root, assets, model, HALF_WIDTH)
     bodies = [_add_hub(world, model, i, hub, i in (meshes or {})) for i, hub in enumerate(model.hubs)]
     tendons = add_element(root, "tendon")
@@ -136,7 +140,8 @@ def mjcf_text(model: Multibody, name: str = "robot", meshes: Mapping[int, str] |
         _add_strip(tendons, bodies, model, number, strip)
     for number, coil in enumerate(model.coils):
         _add_coil(tendons, actuators, bodies, model, number, coil)
-    _add_keyframe(root, model)
+    joints = sum(1 for _ in world.iter("joint"))
+    add_keyframe(root, joints, hinge_distances(model))
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="unicode") + "\n"
 
@@ -179,21 +184,8 @@ def _add_hub(world: Element, model: Multibody, number: int, hub: Hub, has_mesh: 
         }
         add_element(body, "geom", name=f"{name}_foot", **sphere, **foot)
     if has_mesh:
-        looks = {"type": "mesh", "mesh": f"parts_{number:02d}", "contype": "0", "conaffinity": "0"}
-        add_element(body, "geom", name=f"{name}_parts", group="1", rgba=".35 .45 .6 1", **looks)
+        add_parts(body, number)
     return body
-
-
-def _add_keyframe(root: Element, model: Multibody) -> None:
-    """The assembled robot: every coil has its present length as free length, so that it exerts no force."""
-    joints = 2 if model.max_rotation is None else 3
-    lengths = [
-        float(np.linalg.norm(model.hubs[a].position - model.hubs[b].position)) - 2 * model.socket
-        for a, b in (coil.hubs for coil in model.coils)
-    ]
-    keys = add_element(root, "keyframe")
-    zero = format_numbers(np.zeros(joints * len(model.hubs)))
-    add_element(keys, "key", name="standing", qpos=zero, ctrl=format_numbers(lengths))
 
 
 def _inertia_about_centre(inertia: Inertia) -> float:

@@ -13,6 +13,7 @@ import numpy as np
 from eldir.built.ground import MIN_SEGMENT
 from eldir.core.records import FloatArray
 from eldir.terrain import Terrain
+from eldir_cad.multibody.hubs import hub_name
 from eldir_cad.multibody.model import CoilSpring, Multibody, Strip
 
 LEVER = 50.0
@@ -143,6 +144,32 @@ def add_coil_tendon(
     thread_sites(tendon, *ends)
     cold = format_numbers([coil.stiffness[0]])
     add_element(actuators, "position", name=name, tendon=name, kp=cold, ctrlrange="0 0.15")
+
+
+def hinge_distances(model: Multibody) -> FloatArray:
+    """Distances between the hinges of each coil in the assembled robot [m], shape (A,)."""
+    ends = np.array([[model.hubs[hub].position for hub in coil.hubs] for coil in model.coils])
+    offsets = ends.reshape(-1, 2, 2)
+    return np.asarray(np.linalg.norm(offsets[:, 0] - offsets[:, 1], axis=1) - 2 * model.socket)
+
+
+def add_keyframe(root: Element, joints: int, lengths: FloatArray) -> None:
+    """The assembled robot with this number of joints: every coil has its present length as free length
+    [m], so that it exerts no force."""
+    keys = add_element(root, "keyframe")
+    pose = {"qpos": format_numbers(np.zeros(joints)), "ctrl": format_numbers(lengths)}
+    add_element(keys, "key", name="standing", **pose)
+
+
+def parts_name(hub: int) -> str:
+    """Name of the mesh with the parts of a hub."""
+    return f"parts_{hub:02d}"
+
+
+def add_parts(body: Element, hub: int) -> None:
+    """Draw a hub's parts; they touch nothing."""
+    looks = {"type": "mesh", "mesh": parts_name(hub), "contype": "0", "conaffinity": "0"}
+    add_element(body, "geom", name=f"{hub_name(hub)}_parts", group="1", rgba=".35 .45 .6 1", **looks)
 
 
 def add_assets(root: Element, model: Multibody) -> Element:

@@ -12,9 +12,12 @@ from eldir.core.files import new_folder, require_new, write_bytes, write_text
 from eldir.core.records import FloatArray
 from eldir.design import Design
 from eldir.parameters.springs import SpringParameters
+from eldir.parameters.wiring import FACES
 from eldir_cad.geometry.assembly import assemble
 from eldir_cad.kit.printer import Printer
 from eldir_cad.kit.specification import Specification
+from eldir_cad.multibody.biplane import Biplane, build_biplane
+from eldir_cad.multibody.biplane_mjcf import biplane_mjcf
 from eldir_cad.multibody.hubs import hub_name, hub_shapes
 from eldir_cad.multibody.mjcf import mjcf_text
 from eldir_cad.multibody.model import Multibody, build_multibody
@@ -32,9 +35,10 @@ def export_robot(
     printer: Printer,
     schedule: ActuationSchedule | None = None,
     springs: SpringParameters | None = None,
+    dimensions: int = 2,
 ) -> list[Path]:
     """Write the nominal robot of a design as MJCF to `out`, and the shapes of its hubs into a folder beside
-    it.
+    it. In three `dimensions` each face has its own strips, coils and feet.
 
     With a `schedule` also a table of its coils' free lengths and stiffnesses, by `springs`, and a program
     that runs both. Returns what was written. Raises `EldirError` if one of the files exists, `InputError` if
@@ -44,14 +48,18 @@ def export_robot(
     folder = stem.with_name(f"{stem.name}-parts")
     table, runner = stem.with_name(f"{stem.name}-schedule.csv"), stem.with_name(f"{stem.name}-run.py")
     require_new(out, folder, *((table, runner) if schedule else ()))
-    model = build_multibody(body, spec, printer, ballast=design.ballast, terrain=design.printed_terrain)
+    build = build_multibody if dimensions == 2 else build_biplane
+    model = build(body, spec, printer, ballast=design.ballast, terrain=design.printed_terrain)
     rows = None if schedule is None else _table(model, schedule, springs or SpringParameters())
     shapes = hub_shapes(assemble(body, spec))
     with new_folder(folder) as draft:
         for hub, data in shapes.items():
             write_bytes(draft / f"{hub_name(hub)}.stl", data)
     names = {hub: f"{folder.name}/{hub_name(hub)}.stl" for hub in shapes}
-    write_text(out, mjcf_text(model, stem.name, names))
+    if isinstance(model, Multibody):
+        write_text(out, mjcf_text(model, stem.name, names))
+    else:
+        write_text(out, biplane_mjcf(model, stem.name, names))
     if rows is None:
         return [out, folder]
     write_text(table, rows)
@@ -60,26 +68,29 @@ def export_robot(
 
 
 def free_lengths(schedule: ActuationSchedule, springs: SpringParameters, motors: int) -> FloatArray:
-    """Free lengths of the active springs between centres at instants 0, `ROW_INTERVAL`, ... [m], shape
-    (K + 1, A). They follow the mean of both faces."""
+    """Free lengths of the active springs of the front and the back between centres at instants 0,
+    `ROW_INTERVAL`, ... [m], shape (K + 1, A, 2)."""
     channels, states = schedule.sampled(ROW_INTERVAL)
-    motor_of = {event.channel: event.spring for event in schedule.events}
-    heated = 1 + max(motor_of.values(), default=-1)
+    place = {event.channel: (event.spring, FACES.index(event.face)) for event in schedule.events}
+    heated = 1 + max((motor for motor, _ in place.values()), default=-1)
     require_value("number of springs that the schedule heats", heated <= motors, f"at most {motors}", heated)
     cold = SpringState.cold(len(channels), springs)
     each = heat(states.astype(float), ROW_INTERVAL, [springs] * len(channels), cold).length
-    lengths = np.full((len(states) + 1, motors), springs.cold_length)
-    for motor in range(motors):
-        own = [column for column, channel in enumerate(channels) if motor_of[channel] == motor]
-        if own:
-            lengths[1:, motor] = each[:, own].mean(axis=1)
+    lengths = np.full((len(states) + 1, motors, len(FACES)), springs.cold_length)
+    for column, channel in enumerate(channels):
+        lengths[1:, *place[channel]] = each[:, column]
     return lengths
 
 
-def _table(model: Multibody, schedule: ActuationSchedule, springs: SpringParameters) -> str:
-    coils = range(len(model.coils))
-    free = free_lengths(schedule, springs, len(coils))
+def _table(model: Multibody | Biplane, schedule: ActuationSchedule, springs: SpringParameters) -> str:
+    """Both faces have one coil in the plane: it follows their mean."""
+    if isinstance(model, Multibody):
+        coils = [f"coil_{motor}" for motor in range(len(model.coils))]
+        free = free_lengths(schedule, springs, len(model.coils)).mean(axis=2)
+    else:
+        coils = [f"coil_{motor}_{face}" for motor in range(len(model.front.coils)) for face in FACES]
+        free = free_lengths(schedule, springs, len(model.front.coils)).reshape(-1, len(coils))
     lengths, stiffness = model.coil_commands(free, (springs.cold_length, springs.hot_length))
-    names = ["t_s", *(f"coil_{i}_length_m" for i in coils), *(f"coil_{i}_n_per_m" for i in coils)]
+    names = ["t_s", *(f"{coil}_length_m" for coil in coils), *(f"{coil}_n_per_m" for coil in coils)]
     rows = np.hstack([ROW_INTERVAL * np.arange(len(free))[:, None], lengths, stiffness]).tolist()
     return "\n".join([",".join(names), *(",".join(f"{v:.9g}" for v in row) for row in rows)]) + "\n"

@@ -16,18 +16,24 @@ from eldir.errors import EldirError
 from eldir.lattice import Lattice
 from eldir.parameters.springs import SpringParameters
 from eldir_app.application import application
-from eldir_cad.kit.printer import load_printer
-from eldir_cad.kit.specification import load_specification
+from eldir_cad.kit.printer import Printer, load_printer
+from eldir_cad.kit.specification import Specification, load_specification
+from eldir_cad.multibody.biplane import build_biplane
 from eldir_cad.multibody.model import build_multibody
 from eldir_hardware.planning.compiler import compile_schedule
 from eldir_hardware.planning.model_export import ROW_INTERVAL, free_lengths
 from eldir_hardware.schedule import ActuationSchedule
+from eldir_hardware.virtual.biplane_body import BiplaneMotion
 from eldir_hardware.virtual.mujoco_body import MujocoMotion
 from tests.eldir.random_design import make_design
 from tests.hardware.rigs_and_schedules import gait, rig_with
 
 mujoco = pytest.importorskip("mujoco")  # installed with the extra `test`
 DESIGN = make_design(3, Lattice(3, 6))
+
+
+def parts() -> tuple[Specification, Printer]:
+    return load_specification(), load_printer("xip")
 
 
 @pytest.fixture(scope="module")
@@ -81,16 +87,50 @@ def test_shapes_are_where_the_hubs_are(folder: Path) -> None:
 def test_the_runner_moves_the_robot_as_the_rig_does(folder: Path, schedule: ActuationSchedule) -> None:
     subprocess.run([sys.executable, "robot-run.py"], cwd=folder, check=True, capture_output=True)
     rows = np.loadtxt(folder / "robot-motion.csv", delimiter=",", skiprows=1)
-    model = build_multibody(DESIGN.morphology, load_specification(), load_printer("xip"))
+    model = build_multibody(DESIGN.morphology, *parts())
     springs = SpringParameters()
     motion = MujocoMotion(model, (springs.cold_length, springs.hot_length))
-    motion.follow(free_lengths(schedule, springs, len(model.coils)), ROW_INTERVAL)
+    motion.follow(free_lengths(schedule, springs, len(model.coils)).mean(axis=2), ROW_INTERVAL)
     assert rows[-1, 0] == pytest.approx(schedule.duration)
     ended, expected = rows[-1, 1:].reshape(-1, 2), motion.positions
     # The shape to a few micrometres; where feet slip, the last digit of a length moves the whole by 0.3 mm.
     assert ended - ended.mean(axis=0) == pytest.approx(expected - expected.mean(axis=0), abs=2e-5)
     assert ended.mean(axis=0) == pytest.approx(expected.mean(axis=0), abs=1e-3)
     assert np.ptp(rows[:, 1:], axis=0).max() > 5e-3
+
+
+def test_a_model_with_both_faces_stands_and_moves_as_that_of_the_rig(folder: Path, tmp_path: Path) -> None:
+    """The heating of the front alone, in its first two seconds."""
+    given = [str(folder / "design.json"), "--schedule", str(folder / "schedule.json"), "--dimensions", "3"]
+    result = CliRunner().invoke(
+        application("export"), ["export", *given, "--out", str(tmp_path / "robot.xml")]
+    )
+    assert result.exit_code == 0, result.output
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "robot.xml"))
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, model.key("standing").id)
+    mujoco.mj_step(model, data, 1000)
+    assert np.abs(data.qpos.reshape(-1, 6)[:, :3]).max() < 3e-3, "it stands"
+    faces, motors = ("front", "back"), DESIGN.morphology.motors
+    assert [model.actuator(i).name for i in range(model.nu)] == [
+        f"coil_{motor}_{face}" for motor in range(motors) for face in faces
+    ]
+    table = tmp_path / "robot-schedule.csv"
+    rows = np.loadtxt(table, delimiter=",", skiprows=1)[40:81]
+    rows[:, 0] -= rows[0, 0]
+    rows[:, 2::2] = np.loadtxt(table, delimiter=",", skiprows=1)[0, 2::2]  # the back stays cold
+    np.savetxt(table, rows, delimiter=",", header=table.read_text().split("\n")[0], comments="")
+    subprocess.run([sys.executable, "robot-run.py"], cwd=tmp_path, check=True, capture_output=True)
+    moved = np.loadtxt(tmp_path / "robot-motion.csv", delimiter=",", skiprows=1)[-1, 1:].reshape(-1, 3)
+    springs, biplane = SpringParameters(), build_biplane(DESIGN.morphology, *parts())
+    motion = BiplaneMotion(biplane, (springs.cold_length, springs.hot_length))
+    between = np.diff(rows[:, 1 : 1 + 2 * motors], axis=0)
+    assert np.ptp(between) > 0, "something is heated"
+    centres = rows[:, 1 : 1 + 2 * motors] + 2 * biplane.plane.socket
+    motion.follow(centres, ROW_INTERVAL)
+    expected = motion.discs.mean(axis=1)
+    assert moved == pytest.approx(expected, abs=3e-4)
+    assert np.abs(moved[:, 1]).max() > 2e-4, "faces that are heated unlike leave the plane"
 
 
 def test_the_same_design_gives_the_same_bytes(folder: Path, tmp_path: Path) -> None:
