@@ -102,8 +102,7 @@ def believe(
         nominal: the robot as designed, with hubs, on the present supply.
         filmed: the same at each recording, where the supply was another one.
         measurements: readings during the last recording.
-        prior: what is known before the films of the parameters that are common to all parts; by default
-            their priors.
+        prior: what is known of the common parameters before the films; else their priors.
         progress: called before each step.
 
     Raises:
