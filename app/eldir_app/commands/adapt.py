@@ -101,9 +101,9 @@ def _require_own_folder(out: Path) -> None:
     from eldir.errors import EldirError
     from eldir_calibration.adaptation.prior import PRIOR
 
-    if out.exists() and not (
-        out.is_dir() and ((out / "run_01").exists() or not {path.name for path in out.iterdir()} - {PRIOR})
-    ):
+    names = {path.name for path in out.iterdir()} if out.is_dir() else set()
+    is_own = "run_01" in names or names <= {PRIOR}
+    if out.exists() and not (out.is_dir() and is_own):
         raise EldirError(
             f"{out} is no folder of an adaptation",
             code="adapt.other-folder",

@@ -85,8 +85,8 @@ def discrepancy(
     differences = []
     for limit in dict.fromkeys(one.current_limit_a for one in counted):
         own = [one.film for one in counted if one.current_limit_a == limit]
-        there = at_current(robots, limit / current_limit_a)
-        walks = simulate_most_probable(there, [film.gait for film in own], coarse=True)
+        supplied = at_current(robots, limit / current_limit_a)
+        walks = simulate_most_probable(supplied, [film.gait for film in own], coarse=True)
         shown = np.array([film.walked if film.upright else 0.0 for film in own])
         differences.append(np.where(np.isfinite(walks), walks, 0.0) - shown)
     every = np.concatenate(differences)
