@@ -115,7 +115,7 @@ def check_wiring(rig: Rig, packet: Path | None) -> Finding:
     """The wiring may differ from eldir's default, but not from that of the robot's packet."""
     try:
         if packet is None:
-            expected = packet_wiring(None, rig.motors)
+            expected = packet_wiring(None, rig.motors, rig)
         else:
             expected = PacketWiring(read_wiring(packet), str(packet))
         difference = compare_wiring(rig, expected)

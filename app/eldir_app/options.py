@@ -23,6 +23,14 @@ ScheduleOutput = Annotated[Path, typer.Option(help="Schedule file to write, JSON
 SceneFile = Annotated[Path | None, typer.Option(help="Identified robot: a file of eldir calibrate dynamics.")]
 Printer = Annotated[str, typer.Option(help="Printer profile: its name, or a YAML file.")]
 PartsFile = Annotated[Path | None, typer.Option(help="Specification of the parts: a YAML file.")]
+InSeries = Annotated[
+    bool,
+    typer.Option(
+        "--in-series",
+        help="Wire the springs of both faces of a motor in series on one relay channel: they have the same "
+        "current then.",
+    ),
+]
 Device = Annotated[
     DeviceChoice | None,
     typer.Option(

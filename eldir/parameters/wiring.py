@@ -1,6 +1,7 @@
 """Which relay channel heats which spring of a printed robot: one map for packet, rig file and schedule.
 
-Each motor has two springs, on the front and on the back face of the robot.
+Each motor has two springs, on the front and on the back face of the robot. They have a channel each, or are
+wired in series on one channel.
 """
 
 from __future__ import annotations
@@ -16,33 +17,55 @@ from eldir.core.records import Record, record
 
 Face = Literal["front", "back"]
 FACES: tuple[Face, Face] = ("front", "back")
+HeatedFaces = Literal["front", "back", "both"]
 
 
 @record
 class Connection(Record):
-    """A spring and the relay channel that heats it."""
+    """A spring and the relay channel that heats it; or both springs of a motor in series."""
 
     channel: Annotated[int, Field(ge=1)]
     """Number of the relay channel, from 1."""
     spring: Annotated[int, Field(ge=0, le=63)]
     """Number of the active spring, in the design's spring order, from 0."""
-    face: Face
-    """Face of the robot on which the spring is."""
+    face: HeatedFaces
+    """Face of the robot on which the spring is; `both`: one channel heats the springs of both faces in
+    series."""
+
+    @property
+    def spring_text(self) -> str:
+        """The spring in words: "spring 1 back", or "springs 1 front and back in series"."""
+        if self.face == "both":
+            return f"springs {self.spring} front and back in series"
+        return f"spring {self.spring} {self.face}"
+
+    @property
+    def faces(self) -> tuple[Face, ...]:
+        """The faces whose springs the channel heats."""
+        return FACES if self.face == "both" else (self.face,)
 
 
 Wiring = tuple[Connection, ...]
 
 
-def wiring(motors: int) -> Wiring:
+def wiring(motors: int, *, in_series: bool = False) -> Wiring:
     """The wiring of a packet: motor after motor, the front face first.
 
-    The channels of a motor do not depend on the number of motors.
+    The channels of a motor do not depend on the number of motors. `in_series`: both springs of a motor in
+    series on one channel.
     """
+    if in_series:
+        return tuple(Connection(1 + motor, motor, "both") for motor in range(motors))
     return tuple(
         Connection(1 + len(FACES) * motor + i, motor, face)
         for motor in range(motors)
         for i, face in enumerate(FACES)
     )
+
+
+def is_in_series(connections: Iterable[Connection]) -> bool:
+    """Whether channels heat both springs of a motor in series."""
+    return any(c.face == "both" for c in connections)
 
 
 def select_motors(connections: Iterable[Connection], motors: int) -> Wiring:
@@ -68,4 +91,4 @@ def wiring_differences(rig: Iterable[Connection], packet: Iterable[Connection]) 
 
 def _text(connection: Connection | None) -> str:
     """Such as "spring 1 back"."""
-    return "nothing" if connection is None else f"spring {connection.spring} {connection.face}"
+    return "nothing" if connection is None else connection.spring_text

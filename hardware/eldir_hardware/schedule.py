@@ -20,7 +20,7 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 
 from eldir.core.records import OMITTED, BoolArray, FileRecord, Record, record
-from eldir.parameters.wiring import Face
+from eldir.parameters.wiring import HeatedFaces
 
 _RENAMED = BeforeValidator(lambda given: "filmed" if given == "seen" else given)  # since version 0.1.0
 Method = Annotated[str, Field(pattern="^(evolved|search|imitate|filmed)$"), _RENAMED]
@@ -232,8 +232,8 @@ class Event(Record):
     """Time since the start of the period [s]."""
     spring: Annotated[int, Field(ge=0, lt=_MAX_CHANNELS)]
     """Number of the active spring, in the design's spring order, from 0."""
-    face: Face
-    """Face of the robot on which the spring is."""
+    face: HeatedFaces
+    """Face of the robot on which the spring is; `both`: the springs of both faces, in series."""
     channel: Annotated[int, Field(ge=1, le=_MAX_CHANNELS)]
     """Number of the relay channel, from 1."""
     on: bool

@@ -69,7 +69,7 @@ def gait(
         )
     for warning in find_implausible_springs(loaded).values():
         typer.echo(f"warning: {warning}", err=True)
-    for line in _rig_lines(schedule, loaded, packet_wiring(design, robot.morphology.motors)):
+    for line in _rig_lines(schedule, loaded, packet_wiring(design, robot.morphology.motors, loaded)):
         typer.echo(line)
     typer.echo(
         f"wrote {out}: {schedule.cycles} cycles of {schedule.period_s:g} s, "

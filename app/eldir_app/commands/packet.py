@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from eldir_app.options import DesignFile, PartsFile, Printer, check_printer
+from eldir_app.options import DesignFile, InSeries, PartsFile, Printer, check_printer
 from eldir_cad.kit import PRINTER
 
 
@@ -23,6 +23,7 @@ def packet(
     ballast: Annotated[
         str | None, typer.Option(help="Add a weight, such as 9g@front, 5g@rear or 4g@12 (a mass).")
     ] = None,
+    in_series: InSeries = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the manifest as JSON.")] = False,
 ) -> None:
     """Write the build packet of a design: parts, plates, lists, wiring, process sheet, assembly map.
@@ -46,7 +47,8 @@ def packet(
     variant = Variant(without_motor, mass)
     console = Console(stderr=True)
     with console.status("computing parts and plates"):
-        written = write_packet(robot, out, load_specification(parts), load_printer(printer), variant)
+        specification = load_specification(parts)
+        written = write_packet(robot, out, specification, load_printer(printer), variant, in_series=in_series)
     for violation in written.report.violations:
         console.print(f"{violation.severity}: {violation}", markup=False, highlight=False, soft_wrap=True)
     totals = written.manifest.totals

@@ -57,7 +57,7 @@ def draw_assembly_map(assembly: Assembly, connections: Wiring, ballast: int | No
     figure.text(0.97, 0.965, digest, fontsize=8, va="top", ha="right")
     for row, face in enumerate(FACES):
         axes = figure.add_axes((0.03, 0.49 - 0.43 * row, 0.94, 0.40))
-        channels = {c.spring: c.channel for c in connections if c.face == face}
+        channels = {c.spring: c.channel for c in connections if face in c.faces}
         _draw_face(axes, assembly, face, channels, ballast)
     legend = (
         ("filled hexagon", "connector to the other face", "#8a6d1d"),

@@ -18,6 +18,7 @@ from eldir.built.robot import build, feet
 from eldir.core.pictures import GROUND, MARK, MOTOR
 from eldir.core.records import FloatArray, IntArray
 from eldir.morphology import Morphology
+from eldir.parameters.wiring import Wiring, is_in_series
 from eldir_cad.checks.kinematics import find_hinges, find_mechanisms
 from eldir_cad.checks.violations import BuildReport
 from eldir_cad.geometry.ground import Ground
@@ -236,7 +237,7 @@ def _describe_current(c: Content) -> str:
     return ", ".join(part for part in (f"{coil.current_limit_a:g} A", coil.current_conditions) if part)
 
 
-def draw_order_of_work(c: Content) -> list[Figure]:
+def draw_order_of_work(c: Content, connections: Wiring) -> list[Figure]:
     """From parts to a wired robot, beside the assembly map."""
     discs = ", ".join(f"m{i + 1} on mass {mass}" for i, mass in enumerate(c.assembly.marks))
     steps = [
@@ -250,9 +251,16 @@ def draw_order_of_work(c: Content) -> list[Figure]:
         "it on the connectors; glue the pegs with a drop of resin and cure it",
         f"Stick the discs into their seats on the front face: {discs}",
         "Measure the resistance of every coil; write it into wiring.csv and into the rig file",
-        "Wire each coil to its relay channel by wiring.csv of this packet, whose digest is on the assembly "
-        "map; lead the wires outwards and up, at least as long as listed",
     ]
+    if is_in_series(connections):
+        steps.append(
+            "The coils of a motor are in series: at the top of the robot, join one lead of the front coil "
+            "with that of the back coil at the same end"
+        )
+    steps.append(
+        "Wire each coil to its relay channel by wiring.csv of this packet, whose digest is on the assembly "
+        "map; lead the wires outwards and up, at least as long as listed"
+    )
     if c.ground is not None:
         steps.append(
             f"Lay the {len(c.ground.pieces)} pieces of the ground on the table as the last page shows, and "

@@ -54,8 +54,12 @@ def write_packet(
     specification: Specification | None = None,
     printer: Printer | None = None,
     variant: Variant | None = None,
+    *,
+    in_series: bool = False,
 ) -> Packet:
     """Check the design, make its parts and write the folder `out`, which must not exist yet.
+
+    `in_series`: both springs of a motor are wired in series on one relay channel.
 
     Raises `InputError` for a design that cannot be built, `EldirError` where a part cannot be printed,
     parts do not fit together, or `out` cannot be written.
@@ -68,7 +72,7 @@ def write_packet(
     report.require_buildable()
     with new_folder(out) as folder:
         content = make_content(built, report, spec, printer, variant)
-        connections = wiring(built.morphology.motors)
+        connections = wiring(built.morphology.motors, in_series=in_series)
         _write_files(folder, content, connections, leads)
         manifest = Manifest.of(folder, content, connections)
         manifest.save(folder / "manifest.json")
@@ -95,7 +99,7 @@ def _write_files(folder: Path, c: Content, connections: Wiring, leads: Sequence[
     ballast = c.variant.ballast.mass if c.variant.ballast else None
     plan = _drawing.draw_assembly_map(c.assembly, connections, ballast)
     footer = _footer(folder, c)
-    pages = [plan, *draw_order_of_work(c), draw_findings(body, c.report)]
+    pages = [plan, *draw_order_of_work(c, connections), draw_findings(body, c.report)]
     if c.ground is not None:
         pages.append(draw_ground(c, c.ground))
     write_bytes(folder / "assembly.pdf", to_pdf(add_footer(pages, footer)))

@@ -40,7 +40,7 @@ def _check_unique(connections: list[Connection]) -> Wiring:
 
 def _connection(row: dict[str, str]) -> Connection:
     channel, spring = int(row["relay_channel"]), int(row["spring"])
-    for face in FACES:
+    for face in (*FACES, "both"):
         if face == row["face"] and 1 <= channel <= _MAX_CHANNELS and 0 <= spring < _MAX_CHANNELS:
             return Connection(channel, spring, face)
     raise ValueError(f"spring {spring}, face {row['face']!r}, channel {channel}")

@@ -24,7 +24,7 @@ class MeterReadings(NamedTuple):
     current_a: float
     """[A]."""
     voltage_v: float
-    """Across a spring, without its leads [V]."""
+    """Across a spring, without its leads [V]; half of that across two in series."""
     current_error: float
     """Largest relative error of the current, by the sensor's data sheet and its shunts."""
     voltage_error: float
@@ -52,7 +52,7 @@ def read_meters(runs: Sequence[tuple[RunLog, Rig]], *, hot: bool) -> MeterReadin
         for column, (counts, count) in _find_measurements(log, rig, hot).items():
             place = (rig.channels[column].spring, rig.channels[column].face)
             amperes, volts = (float(values[counts, column].mean()) for values in (log.currents, log.voltages))
-            means.setdefault(place, []).append((amperes, volts))
+            means.setdefault(place, []).append((amperes, volts / rig.springs_per_channel))
             assert rig.sensor is not None  # it measured
             chip, sensor = CHIPS[rig.sensor.kind], rig.sensor
             error = chip.current_error(sensor.shunt_ohm, sensor.shunt_tolerance, amperes)

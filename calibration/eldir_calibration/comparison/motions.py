@@ -202,9 +202,9 @@ def track_run(run: LoggedRun, progress: Callable[[int], None]) -> TrackedRun:
 
 def _describe_wiring(run: RecordedRun) -> str:
     """Which channel heated which spring, and whether that is the wiring of a packet."""
-    packet = packet_wiring(None, run.design.morphology.motors)
+    packet = packet_wiring(None, run.design.morphology.motors, run.rig)
     wired = select_motors(run.rig.channels, run.design.morphology.motors)
-    channels = ", ".join(f"{c.channel} spring {c.spring} {c.face}" for c in wired)
+    channels = ", ".join(f"{c.channel} {c.spring_text}" for c in wired)
     differs = compare_wiring(run.rig, packet)
     return f"{channels}; {f'not as {packet.source}: {differs}' if differs else f'as {packet.source}'}"
 

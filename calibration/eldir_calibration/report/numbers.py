@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from pydantic import Field
 
 from eldir.core.records import OMITTED, FileRecord, Record, Rounded, record
-from eldir.parameters.wiring import Connection, Wiring, wiring, wiring_digest
+from eldir.parameters.wiring import Connection, Wiring, is_in_series, wiring, wiring_digest
 from eldir_calibration.report.comparison import Agreement, CycleMean
 from eldir_calibration.report.controls import OtherDesigns
 from eldir_calibration.report.verdict import (
@@ -162,7 +162,8 @@ class WiringNumbers(Record):
     @classmethod
     def of(cls, wired: Wiring) -> WiringNumbers:
         """The numbers of a map that heats one spring or more."""
-        digest, packet = wiring_digest(wired), wiring(1 + max(c.spring for c in wired))
+        digest = wiring_digest(wired)
+        packet = wiring(1 + max(c.spring for c in wired), in_series=is_in_series(wired))
         return cls(digest, digest == wiring_digest(packet), wired)
 
 

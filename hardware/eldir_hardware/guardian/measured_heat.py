@@ -53,7 +53,7 @@ class Bounds(NamedTuple):
     max_voltage: float
     """[V]."""
     resistances: tuple[float, float]
-    """Least and greatest resistance of a spring with its clamps [Ohm]."""
+    """Least and greatest resistance of the channel's springs with their clamps [Ohm]."""
 
 
 class HeatBounds:
@@ -63,7 +63,7 @@ class HeatBounds:
         """Raises `LimitError` if the rig's resistance or current limit was not measured."""
         self._sensor, self._supply = sensor, rig.supply.voltage_v
         self._limit = worst_springs(rig).current_limit
-        self._resistance = rig.spring_parameters(fan=False).resistance
+        self._resistance = rig.springs_per_channel * rig.spring_parameters(fan=False).resistance
 
     def bounds(self, current: float) -> Bounds:
         """The bounds for a measured current [A]: the sensor's errors depend on it."""

@@ -10,8 +10,6 @@ import numpy as np
 
 from eldir.built.gait import Gait
 from eldir.core.records import FloatArray
-from eldir.errors import InputError
-from eldir.parameters.wiring import FACES
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.devices import get_driver
 from eldir_hardware.safety import limits
@@ -68,17 +66,11 @@ def compile_schedule(
                 found=f"{float(duty):g}",
             )
         off = round((on + length) % period, _DECIMALS) % period
-        for face in FACES:
-            channel = rig.find_channel(spring, face)
-            if channel is None:
-                raise InputError(
-                    f"the rig has no channel for spring {spring} of the {face} face",
-                    code="rig.no-channel",
-                    expected=f"{2 * len(gait.phase)} channels",
-                    found=f"{len(rig.channels)}",
-                    remedy="add it to the rig file's channels",
-                )
-            events += [Event(on, spring, face, channel, True), Event(off, spring, face, channel, False)]
+        for wired in rig.connections_of(spring):
+            events += [
+                Event(time, spring, wired.face, wired.channel, closes)
+                for time, closes in ((on, True), (off, False))
+            ]
     source = ScheduleProvenance.from_json(provenance or {})
     schedule = ActuationSchedule(
         period, events=tuple(sorted(events)), cycles=cycles, springs=springs, provenance=source

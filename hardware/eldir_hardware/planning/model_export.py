@@ -12,7 +12,7 @@ from eldir.core.files import new_folder, require_new, write_bytes, write_text
 from eldir.core.records import FloatArray
 from eldir.design import Design
 from eldir.parameters.springs import SpringParameters
-from eldir.parameters.wiring import FACES
+from eldir.parameters.wiring import FACES, Connection
 from eldir_cad.geometry.assembly import assemble
 from eldir_cad.kit.printer import Printer
 from eldir_cad.kit.specification import Specification
@@ -71,14 +71,15 @@ def free_lengths(schedule: ActuationSchedule, springs: SpringParameters, motors:
     """Free lengths of the active springs of the front and the back between centres at instants 0,
     `ROW_INTERVAL`, ... [m], shape (K + 1, A, 2)."""
     channels, states = schedule.sampled(ROW_INTERVAL)
-    place = {event.channel: (event.spring, FACES.index(event.face)) for event in schedule.events}
-    heated = 1 + max((motor for motor, _ in place.values()), default=-1)
+    wired = {e.channel: Connection(e.channel, e.spring, e.face) for e in schedule.events}
+    heated = 1 + max((c.spring for c in wired.values()), default=-1)
     require_value("number of springs that the schedule heats", heated <= motors, f"at most {motors}", heated)
     cold = SpringState.cold(len(channels), springs)
     each = heat(states.astype(float), ROW_INTERVAL, [springs] * len(channels), cold).length
     lengths = np.full((len(states) + 1, motors, len(FACES)), springs.cold_length)
     for column, channel in enumerate(channels):
-        lengths[1:, *place[channel]] = each[:, column]
+        for face in wired[channel].faces:
+            lengths[1:, wired[channel].spring, FACES.index(face)] = each[:, column]
     return lengths
 
 

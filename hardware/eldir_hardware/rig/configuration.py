@@ -24,7 +24,7 @@ from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters, wire_heat_transfer_coefficient
 from eldir.parameters.tolerances import RigTolerances
-from eldir.parameters.wiring import Connection
+from eldir.parameters.wiring import FACES, Connection, Wiring
 from eldir_hardware.current_sensor import CHIPS
 from eldir_hardware.markers.registration import DEFAULT_KIND, require_kind
 from eldir_hardware.rig._renamed_keys import require_current_names, with_current_names
@@ -73,7 +73,8 @@ class Rig(Section):
     channels: Annotated[tuple[Connection, ...], Field(min_length=1)]
     """Each relay channel that heats a spring. A new rig file has the wiring of a packet: 1 is motor 0 front,
     2 motor 0 back, 3 motor 1 front, 4 motor 1 back. Another wiring is allowed; `eldir rig doctor --wiring`
-    shows which spring grows warm."""
+    shows which spring grows warm. `face: both`, for all channels or none: the channel heats the springs of
+    both faces of a motor in series."""
     supply: SupplyEntry
     """The heating supply."""
     springs: SpringEntry = SpringEntry()
@@ -124,7 +125,7 @@ class Rig(Section):
             raise ValueError(
                 f"channel {max(numbers)} does not exist: the board has {self.board.channels} channels"
             )
-        places = [(c.spring, c.face) for c in self.channels]
+        places = [(c.spring, face) for c in self.channels for face in c.faces]
         if len(set(places)) != len(places):
             raise ValueError("two channels heat the same spring of the same face")
         low, high = self.tolerances.ambient_min_c, self.tolerances.ambient_max_c
@@ -136,6 +137,8 @@ class Rig(Section):
             raise ValueError("a real board needs its port")
         if self.camera is not None and (self.kind == "real") != (self.camera.kind == "live"):
             raise ValueError(f"a {self.kind} rig cannot have a {self.camera.kind} camera")
+        if problem := self._find_series_problem():
+            raise ValueError(problem)
         if self.sensor is not None:
             self._require_consistent_sensor(self.sensor)
         if self.virtual.dimensions == 3 and 2 * len({c.spring for c in self.channels}) != len(places):
@@ -145,6 +148,33 @@ class Rig(Section):
         if self.kind == "real" and self.thermometer is not None and self.thermometer.path is None:
             raise ValueError("a real thermometer needs its file: thermometer.path")
         return self
+
+    def _find_series_problem(self) -> str | None:
+        """Why springs cannot be wired in series as the file says; None if they can.
+
+        The supply must hold its current limit in both springs when they have their highest resistance: then
+        each is heated as if it were alone, and the limits of one spring hold for both.
+        """
+        if len({len(c.faces) for c in self.channels}) > 1:
+            return "channels: some heat both springs of a motor in series, others one spring"
+        if self.springs_per_channel == 1:
+            return None
+        if self.supply.outputs == "shared":
+            return (
+                "springs in series need supply.outputs: each, an output of limited current for each channel"
+            )
+        if (limit := self.supply.current_limit_a) is None:
+            return None  # the rig does not arm then
+        springs = self.spring_parameters()
+        highest = float(max(springs.resistance_at(0.0), springs.resistance_at(1.0)))
+        highest *= 1 + self.springs.resistance_tolerance
+        least = limit * (self.springs_per_channel * highest + self.supply.lead_resistance_ohm)
+        if self.supply.voltage_v < least:
+            return (
+                f"supply.voltage_v is too low for {limit:g} A through two springs in series: "
+                f"expected at least {least:.3g} V, found {self.supply.voltage_v:g} V"
+            )
+        return None
 
     def _require_consistent_sensor(self, sensor: SensorEntry) -> None:
         heating, measured = [c.channel for c in self.channels], self.measured_channels
@@ -178,6 +208,11 @@ class Rig(Section):
         return self.cutoff.max_on_s if isinstance(self.cutoff, TimerEntry) else None
 
     @property
+    def springs_per_channel(self) -> int:
+        """Number of springs that each channel heats: 2 where those of both faces are in series."""
+        return len(self.channels[0].faces)
+
+    @property
     def motors(self) -> int:
         """Number of active springs that the channels can heat."""
         return 1 + max(c.spring for c in self.channels)
@@ -201,6 +236,20 @@ class Rig(Section):
             if (entry.spring, entry.face) == (spring, face):
                 return entry.channel
         return None
+
+    def connections_of(self, spring: int) -> Wiring:
+        """The channels that heat a spring on both faces. Raises `InputError` if one of them is not heated."""
+        found = tuple(c for c in self.channels if c.spring == spring)
+        heated = {face for c in found for face in c.faces}
+        for face in FACES:
+            if face not in heated:
+                raise InputError(
+                    f"the rig has no channel for spring {spring} of the {face} face",
+                    code="rig.no-channel",
+                    expected="a channel for each face, or one for both",
+                    remedy="add it to the rig file's channels",
+                )
+        return found
 
     def spring_tolerances(self) -> RigTolerances:
         """How far all springs together may be from `spring_parameters`."""

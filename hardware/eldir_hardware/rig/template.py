@@ -75,9 +75,9 @@ virtual:
 _WIDTH = 110  # of a comment [characters]
 
 
-def real_rig(board: str, port: str) -> str:
-    """The text of a rig file for a real board; it arms only when completed."""
-    head = _fill_head("bench", "real", board, f"  port: {_scalar(port)}\n", "null")
+def real_rig(board: str, port: str, *, in_series: bool = False) -> str:
+    """The text of a rig file for a real board; it arms only when completed. `in_series`: as of `wiring`."""
+    head = _fill_head("bench", "real", board, f"  port: {_scalar(port)}\n", "null", in_series)
     return _with_comments(head + _REAL, "VirtualEntry", "VirtualCameraEntry")
 
 
@@ -87,9 +87,12 @@ def virtual_rig(
     board: str = "lcus",
     clock: str = "virtual",
     physics: str = "eldir",
+    *,
+    in_series: bool = False,
 ) -> str:
-    """The text of a complete virtual rig file; `design` is a path relative to that file."""
-    head = _fill_head("virtual bench", "virtual", board, "", "true")
+    """The text of a complete virtual rig file; `design` is a path relative to that file. `in_series`: as of
+    `wiring`."""
+    head = _fill_head("virtual bench", "virtual", board, "", "true", in_series)
     robot = "" if design is None else f"  design: {_scalar(design)}\n"
     text = _VIRTUAL.format(current=CURRENT_LIMIT_A, seed=seed, clock=clock, physics=physics, design=robot)
     return _with_comments(head + text, "LiveCameraEntry")
@@ -149,8 +152,8 @@ def _scalar(text: str) -> str:
     return dump_yaml(text, default_style=style).strip()
 
 
-def _fill_head(name: str, kind: str, board: str, port: str, retriggerable: str) -> str:
-    connections = wiring(MOTORS)
+def _fill_head(name: str, kind: str, board: str, port: str, retriggerable: str, in_series: bool) -> str:
+    connections = wiring(MOTORS, in_series=in_series)
     rows = [f"  - {{channel: {c.channel}, spring: {c.spring}, face: {c.face}}}" for c in connections]
     return _HEAD.format(
         name=name,

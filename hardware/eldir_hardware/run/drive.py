@@ -128,7 +128,7 @@ def drive_rig(
         facts["accepted"] = accepted
     if room.room_c is not None:
         facts[ROOM] = f"{room.room_c:g}"
-    wiring = compare_wiring(rig, packet_wiring(design_path, count_motors(schedule, rig)))
+    wiring = compare_wiring(rig, packet_wiring(design_path, count_motors(schedule, rig), rig))
     calibration = CameraFiles.load(rig, rig_path)
     with open_rig(rig, design, schedule, config.on_body, room.room_c) as opened:
         earliest = opened.clock.now() + _ARMING

@@ -12,6 +12,7 @@ from eldir.design import Design
 from eldir.errors import EldirError, InputError
 from eldir.parameters.wiring import (
     Wiring,
+    is_in_series,
     select_motors,
     wiring,
     wiring_differences,
@@ -143,11 +144,13 @@ class PacketWiring(NamedTuple):
     """Where it is described, in words."""
 
 
-def packet_wiring(design: Path | None, motors: int) -> PacketWiring:
-    """The wiring of the packet around the design file; otherwise the one that `eldir packet` writes."""
+def packet_wiring(design: Path | None, motors: int, rig: Rig) -> PacketWiring:
+    """The wiring of the packet around the design file; otherwise the one that `eldir packet` writes for a rig
+    like this one, with springs in series or not."""
     if design is not None and (design.parent / NAME).is_file():
         return PacketWiring(read_wiring(design.parent), str(design.parent / NAME))
-    return PacketWiring(wiring(motors), "a packet that eldir writes now")
+    like_rig = wiring(motors, in_series=is_in_series(rig.channels))
+    return PacketWiring(like_rig, "a packet that eldir writes now")
 
 
 def compare_wiring(rig: Rig, packet: PacketWiring) -> str:

@@ -11,6 +11,7 @@ import numpy as np
 from eldir.built.heat import SpringState
 from eldir.core.records import FloatArray
 from eldir.parameters.springs import SpringParameters
+from eldir.parameters.wiring import Connection
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.supply import LimitError, check_current, power_shares, scale_by_shares, worst_springs
 from eldir_hardware.safety.worst_heat import check_board, run_until_periodic, stuck_temperature
@@ -63,8 +64,9 @@ def check_schedule(schedule: ActuationSchedule, rig: Rig) -> HeatPrediction:
     for event in schedule.events:
         expected_channel = rig.find_channel(event.spring, event.face)
         if expected_channel != event.channel:
+            wired = Connection(event.channel, event.spring, event.face)
             raise LimitError(
-                f"spring {event.spring} of the {event.face} face is not on channel {event.channel}",
+                f"channel {event.channel} of the rig does not heat {wired.spring_text}",
                 code="limit.other-wiring",
                 expected="no such spring on this rig"
                 if expected_channel is None

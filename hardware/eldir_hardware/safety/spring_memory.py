@@ -17,7 +17,7 @@ from pydantic import Field, PlainSerializer
 
 from eldir.core.records import FileRecord, Record, record
 from eldir.errors import EldirError
-from eldir.parameters.wiring import Face
+from eldir.parameters.wiring import HeatedFaces
 from eldir_hardware.rig.board_identity import BoardIdentity, Port, identify
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.safety.latch import (
@@ -39,8 +39,8 @@ _MAX_TEMPERATURE = 2000.0  # [C]; Nitinol has melted
 _Temperature = Annotated[float, Field(gt=-_MAX_TEMPERATURE, lt=_MAX_TEMPERATURE)]
 _Fraction = Annotated[float, Field(ge=0, le=1)]
 _Seconds = Annotated[float, Field(ge=0)]
-SpringPlace = tuple[Annotated[int, Field(ge=0)], Face]
-"""Number and face of a spring, as the rig file's `channels` say."""
+SpringPlace = tuple[Annotated[int, Field(ge=0)], HeatedFaces]
+"""Number and face of a spring, or of both springs in series, as the rig file's `channels` say."""
 
 
 @record

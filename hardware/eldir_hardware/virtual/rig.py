@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -105,15 +105,16 @@ class VirtualRig:
         self._watchers: list[threading.Thread] = []
         common = rig.spring_tolerances().perturb_by_seed(springs or rig.spring_parameters(), rig.virtual.seed)
         deviations = np.random.default_rng([rig.virtual.seed, 3])
+        coils = [(c.spring, face) for c in rig.channels for face in c.faces]
         self.springs = ThermalSprings(
-            [c.channel for c in rig.channels],
-            [common.perturb(deviations) for _ in rig.channels],
+            [c.channel for c in rig.channels for _ in c.faces],
+            [common.perturb(deviations) for _ in coils],
             self.clock.now(),
             rig.cutoff_s,
         )
         self._cold_length = common.cold_length
         self._coils = np.array(
-            [[_find_coil(rig, motor, face) for face in FACES] for motor in range(rig.motors)]
+            [[_find_coil(coils, motor, face) for face in FACES] for motor in range(rig.motors)]
         )
 
     def open(self) -> None:
@@ -217,9 +218,9 @@ class VirtualRig:
             self._failure = error
 
 
-def _find_coil(rig: Rig, motor: int, face: Face) -> int:
-    """Number of the rig's channel that heats the coil of a motor on a face, or else the one on its other
-    face; the number of channels where none heats that motor."""
-    rank = {(c.spring, c.face): i for i, c in enumerate(rig.channels)}
+def _find_coil(coils: Sequence[tuple[int, Face]], motor: int, face: Face) -> int:
+    """Number of the heated coil of a motor on a face, or else the one on its other face; the number of heated
+    coils where none is of that motor."""
+    rank = {place: i for i, place in enumerate(coils)}
     other = FACES[1 - FACES.index(face)]
     return rank.get((motor, face), rank.get((motor, other), len(rank)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -17,7 +18,8 @@ STEP = 0.05
 
 
 class ThermalSprings:
-    """One spring on each of the given channels, advanced in whole steps from time `start`."""
+    """A spring on each of the given channels, or two in series where a channel is given twice, advanced in
+    whole steps from time `start`."""
 
     def __init__(
         self,
@@ -27,13 +29,15 @@ class ThermalSprings:
         cutoff_s: float | None = None,
     ):
         """`cutoff_s`: the timer in series with each channel opens after this long [s]."""
-        self._column = {channel: i for i, channel in enumerate(channels)}
+        self._columns: dict[int, list[int]] = {}
+        for i, channel in enumerate(channels):
+            self._columns.setdefault(channel, []).append(i)
         self.parameters = list(parameters)
-        """Parameters of the spring on each channel."""
+        """Parameters of each spring."""
         self._start = start
         self._cutoff = np.inf if cutoff_s is None else cutoff_s
-        self._closed_at: list[float | None] = [None] * len(channels)
-        self._power_since: list[tuple[float, float]] = [(0.0, 0.0)] * len(channels)  # time, power
+        self._closed_at: dict[int, float] = {}
+        self._power_since: dict[int, tuple[float, float]] = {}  # time, power
         self._pulses: list[tuple[int, float, float, float]] = []
         self._broken: set[int] = set()
         self.has_supply = True
@@ -51,48 +55,48 @@ class ThermalSprings:
 
     def on_contact_event(self, event: ContactEvent) -> None:
         """A contact moved; channels that heat nothing are ignored."""
-        column = self._column.get(event.channel)
-        if column is None:
+        channel = event.channel
+        if channel not in self._columns:
             return
         with self._lock:
-            if (closed_at := self._closed_at[column]) is not None:
-                begun, power = self._power_since[column]
-                self._pulses.append((column, begun, min(event.t, closed_at + self._cutoff), power))
+            if (closed_at := self._closed_at.get(channel)) is not None:
+                begun, power = self._power_since[channel]
+                self._pulses.append((channel, begun, min(event.t, closed_at + self._cutoff), power))
             if not event.closed:
-                self._closed_at[column] = None
+                self._closed_at.pop(channel, None)
             else:
-                self._power_since[column] = (event.t, event.power)
-                if closed_at is None:  # a new power of a closed contact does not restart the cut-off
-                    self._closed_at[column] = event.t
+                self._power_since[channel] = (event.t, event.power)
+                # A new power of a closed contact does not restart the cut-off.
+                self._closed_at.setdefault(channel, event.t)
 
     def current_and_voltage(self, channel: int, t: float) -> tuple[float, float]:
-        """Current through a channel [A] and voltage across its spring [V] at `t`, not before `now`.
+        """Current through a channel [A] and voltage across its springs [V] at `t`, not before `now`.
 
         A spring's resistance is that of the last step to which the springs were advanced.
         """
-        column = self._column[channel]
         with self._lock:
-            closed_at = self._closed_at[column]
-            spans = [p[1:] for p in self._pulses if p[0] == column]
-            if closed_at is not None:
-                begun, power = self._power_since[column]
+            spans = [p[1:] for p in self._pulses if p[0] == channel]
+            if (closed_at := self._closed_at.get(channel)) is not None:
+                begun, power = self._power_since[channel]
                 spans.append((begun, closed_at + self._cutoff, power))
             part = next((power for on, off, power in spans if on <= t < off), 0.0)
             if not self.has_supply or not part:
                 return 0.0, 0.0
-            spring, xi = self.parameters[column], float(self.state.martensite[column])
-            if column in self._broken:
-                return 0.0, part * spring.supply_voltage
-            current = part * float(spring.current(xi))
-            return current, current * float(spring.resistance_at(xi))
+            springs = self._springs_with_leads()
+            own = [(springs[i], float(self.state.martensite[i])) for i in self._columns[channel]]
+            if channel in self._broken:
+                return 0.0, part * own[0][0].supply_voltage
+            current = part * min(float(spring.current(xi)) for spring, xi in own)
+            return current, current * sum(float(spring.resistance_at(xi)) for spring, xi in own)
 
     def break_lead(self, channel: int) -> None:
         """From now on no current flows in a channel; it has the supply's voltage."""
-        self._broken.add(self._column[channel])
+        self._broken.add(channel)
 
     def scale_resistance(self, channel: int, factor: float) -> None:
-        """From now on a spring has another resistance, such as a wrong spring or a hot clamp in series."""
-        column = self._column[channel]
+        """From now on a channel's first spring has another resistance, such as a wrong spring or one with a
+        hot clamp."""
+        column = self._columns[channel][0]
         spring = self.parameters[column]
         self.parameters[column] = spring.with_resistance(factor * spring.resistance)
 
@@ -103,24 +107,34 @@ class ThermalSprings:
             return np.empty((0, len(self.parameters)))
         with self._lock:  # edges come from the board's thread
             share = self._heating_shares(steps)
-        history = heat(share, STEP, self.parameters, self.state)
+        history = heat(share, STEP, self._springs_with_leads(), self.state)
         self.state = history.final
         self.max_temperature_c = max(self.max_temperature_c, float(history.temperature.max()))
         self._steps += steps
         return history.length
 
+    def _springs_with_leads(self) -> list[SpringParameters]:
+        """Each spring as the supply sees it: the other one in series, cold, is a resistance of its leads. The
+        supply holds its current limit through both, so that the phase of the other matters little."""
+        found = list(self.parameters)
+        for one, other in (pair for pair in self._columns.values() if len(pair) == 2):
+            for i, partner in ((one, other), (other, one)):
+                lead = self.parameters[i].lead_resistance + self.parameters[partner].resistance
+                found[i] = replace(self.parameters[i], lead_resistance=lead)
+        return found
+
     def _heating_shares(self, steps: int) -> FloatArray:
         """Fraction of each of the next steps for which each spring is heated, shape (steps, A)."""
         begin = self.now + STEP * np.arange(steps)
         open_ends = [
-            (i, self._power_since[i][0], closed_at + self._cutoff, self._power_since[i][1])
-            for i, closed_at in enumerate(self._closed_at)
-            if closed_at is not None
+            (channel, self._power_since[channel][0], closed_at + self._cutoff, self._power_since[channel][1])
+            for channel, closed_at in self._closed_at.items()
         ]
         self._pulses = [p for p in self._pulses if p[2] > self.now]
         share = np.zeros((steps, len(self.parameters)))
-        for column, on, off, power in self._pulses + open_ends:
+        for channel, on, off, power in self._pulses + open_ends:
             overlap = np.minimum(begin + STEP, off) - np.maximum(begin, on)
-            share[:, column] += power * np.clip(overlap / STEP, 0.0, 1.0)
-        share[:, sorted(self._broken)] = 0.0
+            heated = power * np.clip(overlap / STEP, 0.0, 1.0)
+            if channel not in self._broken:
+                share[:, self._columns[channel]] += heated[:, None]
         return share if self.has_supply else 0.0 * share

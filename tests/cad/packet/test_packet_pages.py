@@ -9,13 +9,15 @@ import pytest
 
 from eldir.design import Ballast, Variant
 from eldir.parameters.wiring import FACES, wiring
+from eldir_cad.checks.contacts import Lead
 from eldir_cad.checks.violations import BuildReport, Violation
 from eldir_cad.geometry.assembly import assemble
 from eldir_cad.kit.printer import fit_to_printer, load_printer
 from eldir_cad.kit.specification import load_specification
 from eldir_cad.packet._drawing import draw_assembly_map
 from eldir_cad.packet._pages import draw_findings, draw_order_of_work, draw_traveller
-from eldir_cad.packet.manifest import bill_of_materials, make_content
+from eldir_cad.packet.manifest import bill_of_materials, make_content, wiring_table
+from eldir_cad.packet.wiring_file import read_wiring
 from tests.cad.drawn_bodies import BLOCK, HOURGLASS, WHEEL, body, design
 
 PRINTER = load_printer()
@@ -52,11 +54,25 @@ def test_parts_are_washed_as_long_as_the_printer_says_before_and_after_they_leav
 
 
 def test_the_order_of_work_tells_the_ballast_of_both_holders_together(content):
-    told = words(draw_order_of_work(content))
+    told = words(draw_order_of_work(content, wiring(2)))
     shot, whole = map(float, re.search(r"glue ([\d.]+) g of .* each, ([\d.]+) g with", told).groups())
     holder = content.assembly.parts["ballast_holder"].volume * 1e-3 * PRINTER.material.density
     assert whole == pytest.approx(2 * (shot + holder), abs=0.02)
     assert whole == GRAMS
+
+
+def test_springs_in_series_share_a_channel_on_all_pages(content, tmp_path):
+    in_series = wiring(2, in_series=True)
+    assert "join one lead of the front coil" in words(draw_order_of_work(content, in_series))
+    assert "join one lead" not in words(draw_order_of_work(content, wiring(2)))
+    labels = [
+        [t.get_text() for t in axes.texts if t.get_text().startswith("S")]
+        for axes in draw_assembly_map(content.assembly, in_series).axes
+    ]
+    assert labels == [["S0 / 1", "S1 / 2"]] * 2
+    leads = [Lead(motor, 0, 1.0, "strip", 100.0) for motor in range(2)]
+    (tmp_path / "wiring.csv").write_text(wiring_table(content, in_series, leads))
+    assert read_wiring(tmp_path) == in_series
 
 
 def test_the_map_of_the_back_is_mirrored_as_the_robot_is_from_there():

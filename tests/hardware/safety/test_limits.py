@@ -130,8 +130,8 @@ def test_how_many_springs_heat_at_once(starts, allowed):
 @pytest.mark.parametrize(
     ("channel", "place", "told"),
     [
-        (2, (0, "front"), "spring 0 of the front .* channel 2; expected channel 1"),
-        (1, (5, "front"), "spring 5 of the front .* channel 1; expected no such spring"),
+        (2, (0, "front"), "channel 2 of the rig does not heat spring 0 front; expected channel 1"),
+        (1, (5, "front"), "channel 1 .* spring 5 front; expected no such spring"),
     ],
 )
 def test_a_schedule_for_another_wiring(channel, place, told):

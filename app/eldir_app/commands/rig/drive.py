@@ -99,7 +99,7 @@ def print_notes(schedule: ActuationSchedule, rig: Rig, rig_file: Path, design: P
         typer.echo(f"note: {note}")
     for warning in find_implausible_springs(rig).values():
         typer.echo(f"warning: {warning}", err=True)
-    packet = packet_wiring(find_design(rig, rig_file, design), count_motors(schedule, rig))
+    packet = packet_wiring(find_design(rig, rig_file, design), count_motors(schedule, rig), rig)
     if note := compare_wiring(rig, packet):
         typer.echo(f"note: not wired as {packet.source} says: {note}")
 

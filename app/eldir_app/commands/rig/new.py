@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from eldir_app.options import InSeries
 from eldir_hardware.relay.registration import kinds_text
 
 
@@ -27,6 +28,7 @@ def new(
             help="Design file of the robot on the virtual rig. The path is relative to the rig file."
         ),
     ] = None,
+    in_series: InSeries = False,
 ) -> None:
     """Write a commented rig file. The robot on a virtual rig is moved by MuJoCo where it is installed.
 
@@ -54,7 +56,10 @@ def new(
             "a rig file cannot name this design", expected="a name in UTF-8", found=design, remedy="rename it"
         )
     require_new(out)
-    text = virtual_rig(seed, design, physics=default_physics()) if virtual else real_rig(board, str(port))
+    if virtual:
+        text = virtual_rig(seed, design, physics=default_physics(), in_series=in_series)
+    else:
+        text = real_rig(board, str(port), in_series=in_series)
     write_text(out, text)
     typer.echo(f"wrote {out}")
     if design is not None and not (out.parent / design).exists():
