@@ -1,6 +1,6 @@
 """The table of robots out of their plane in docs/reference/second-physics-measured.md:
 `python -m tests.calibration.transfer.biplane_table DESIGN`; with a number behind it, of as many rigs whose
-faces' currents are drawn.
+outputs' currents are drawn: of one output for each face, or with `series` behind that, for each motor.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ from eldir_hardware.planning.workshop import make_workshop
 from eldir_hardware.virtual.biplane_body import sample_biplane
 
 CYCLES, SEEDS = 2, range(1, 7)
-FACE_CURRENT = 0.03
-"""Standard deviation of each face's current from that of its rig."""
+OUTPUT_CURRENT = 0.03
+"""Standard deviation of an output's current from that of its rig."""
 SPRINGS = make_workshop().springs
 MILLIMETRE = np.arctan(1 / 49.6)
 """Rotation of a strip whose ends are 1 mm beside each other [rad]."""
@@ -81,12 +81,19 @@ def cases(design: Design, gait: Gait) -> Iterator[tuple[str, Biplane, FreeLength
         yield f"all, seed {seed}, without play", with_lateral_rotation(sample, 0.0), table
 
 
-def drawn_cases(design: Design, gait: Gait, rigs: int) -> Iterator[tuple[str, Biplane, FreeLengths]]:
-    """Rigs whose springs, parts and faces' currents are drawn."""
+def drawn_cases(
+    design: Design, gait: Gait, rigs: int, *, in_series: bool
+) -> Iterator[tuple[str, Biplane, FreeLengths]]:
+    """Rigs whose springs, parts and outputs' currents are drawn. `in_series`: both springs of a motor have one
+    output, otherwise all of a face."""
     for seed in range(101, 101 + rigs):
         own = sample_face_springs(len(gait.phase), seed, RigTolerances().perturb_by_seed(SPRINGS, seed))
-        by = 1 + FACE_CURRENT * np.random.default_rng([seed, 9]).standard_normal(2)
-        heated = [replace(s, current_limit=s.current_limit * by[k % 2]) for k, s in enumerate(own)]
+        outputs = len(gait.phase) if in_series else 2
+        by = 1 + OUTPUT_CURRENT * np.random.default_rng([seed, 9]).standard_normal(outputs)
+        currents = np.repeat(by, 2) if in_series else np.tile(by, len(gait.phase))
+        heated = [
+            replace(s, current_limit=s.current_limit * part) for s, part in zip(own, currents, strict=True)
+        ]
         yield f"drawn {seed}", sample_biplane(design.morphology, seed), heat_faces(gait, heated, CYCLES)
 
 
@@ -96,7 +103,8 @@ def main() -> None:
     gait, known = read_gait(design), {}
     assert gait is not None
     rigs = int(sys.argv[2]) if len(sys.argv) > 2 else 0
-    for what, model, table in drawn_cases(design, gait, rigs) if rigs else cases(design, gait):
+    drawn = drawn_cases(design, gait, rigs, in_series="series" in sys.argv[3:])
+    for what, model, table in drawn if rigs else cases(design, gait):
         mean = replace(table, lengths=table.lengths.reshape(len(table.lengths), -1, 2).mean(axis=2))
         key = mean.lengths.tobytes(), model.plane.tilt, model.plane.hubs[0].friction, model.plane.numerics
         if key not in known:
