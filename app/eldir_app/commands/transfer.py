@@ -32,9 +32,9 @@ def transfer(
             min=2,
             max=3,
             help="3: each face has its own strips, feet and springs in MuJoCo, and robots may turn and fall "
-            "sideways; three times the time. 2: both faces are one.",
+            "sideways. 2: both faces are one; a third of the time.",
         ),
-    ] = 2,
+    ] = 3,
     explain: Annotated[
         bool,
         typer.Option(

@@ -84,8 +84,8 @@ def cases(design: Design, gait: Gait) -> Iterator[tuple[str, Biplane, FreeLength
 def drawn_cases(
     design: Design, gait: Gait, rigs: int, *, in_series: bool
 ) -> Iterator[tuple[str, Biplane, FreeLengths]]:
-    """Rigs whose springs, parts and outputs' currents are drawn. `in_series`: both springs of a motor have one
-    output, otherwise all of a face."""
+    """Rigs whose springs, parts and outputs' currents are drawn. `in_series`: one output for both springs of
+    a motor, otherwise for all of a face."""
     for seed in range(101, 101 + rigs):
         own = sample_face_springs(len(gait.phase), seed, RigTolerances().perturb_by_seed(SPRINGS, seed))
         outputs = len(gait.phase) if in_series else 2

@@ -79,14 +79,14 @@ def test_each_coil_is_heated_as_its_spring_says() -> None:
     assert means == pytest.approx((found[:, ::2] + found[:, 1::2]) / 2)
 
 
-def test_transfer_in_three_dimensions_tells_how_robots_turn(
+def test_transfer_lets_robots_leave_their_plane_and_tells_how_they_turn(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(biplane_walks, "FINE_NUMERICS", Numerics(step=5e-4, contact_time=1e-3))
     DESIGN.save(tmp_path / "tiny.json")
     told = CliRunner().invoke(
         application("transfer"),
-        ["transfer", str(tmp_path / "tiny.json"), "--samples", "2", "--cycles", "1", "--dimensions", "3",
+        ["transfer", str(tmp_path / "tiny.json"), "--samples", "2", "--cycles", "1",
          "--out", str(tmp_path / "out")],
     )  # fmt: skip
     assert told.exit_code == 0, told.output

@@ -48,7 +48,7 @@ SCHEMA = json.loads((SCHEMAS / "transfer.schema.json").read_text())
 SHORT = Gait(1.0, GAIT.phase, np.full(2, 0.5))
 """MuJoCo takes seconds for each second."""
 DESIGN = tiny_design(written_gait(SHORT))
-SMALL = ("--samples", "2", "--cycles", "1")
+SMALL = ("--samples", "2", "--cycles", "1", "--dimensions", "2")
 
 
 def transfer(*arguments: object) -> Result:
