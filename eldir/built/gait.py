@@ -33,6 +33,8 @@ CYCLES = 5
 _HIGH, _LOW = 0.2, -0.2  # Schmitt thresholds on the activation, of half its range
 _SAMPLES = 100  # of a period, when activations are folded onto it
 _SAME = 1e-4  # of a period: schedules are rounded to milliseconds
+_NEAR_PHASE = 0.1  # of a period: less than a step of the searched phases
+_NEAR_TIME = 0.1  # relative
 _WALK = 0.1  # body lengths per five cycles: less counts as standing still
 
 
@@ -56,6 +58,17 @@ class Gait(Record):
         if self.duty.shape != self.phase.shape or not ((self.duty >= 0) & (self.duty < 1)).all():
             motors = len(self.phase)
             raise ValueError(f"invalid duty: expected {motors} values in [0, 1), found {self.duty.tolist()}")
+
+    def is_near(self, other: Gait) -> bool:
+        """Whether another gait of the same robot differs so little that a film of it would tell nothing new:
+        phases relative to the first motor by less than a tenth of the period, period and times of heating by
+        less than a tenth of themselves."""
+        shift = (self.phase - self.phase[0]) - (other.phase - other.phase[0])
+        times, others = (np.append(g.duty, 1.0) * g.period for g in (self, other))
+        return bool(
+            (np.abs((shift + 0.5) % 1.0 - 0.5) < _NEAR_PHASE).all()
+            and (np.abs(times - others) < _NEAR_TIME * np.maximum(times, others) + _SAME).all()
+        )
 
     def is_heating(self, times: FloatArray) -> BoolArray:
         """Whether each motor heats at `times` since the start of the first cycle [s], shape (T, A)."""

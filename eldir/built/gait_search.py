@@ -21,6 +21,7 @@ from eldir.built.samples import (
 from eldir.built.scene import PrintedScene
 from eldir.built.screening import candidate_gaits
 from eldir.design import Design
+from eldir.errors import InputError
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
@@ -87,16 +88,22 @@ def find_gait(
     seed: int = 0,
     samples: int = 16,
     scene: PrintedScene | None = None,
+    other_than: Sequence[Gait] = (),
     stage: Stage = silent,
 ) -> GaitSearchResult:
     """Search a gait or take the one that evolved with the design, predict its walk, and choose. With
     `imitate` the closed loop is imitated too, and its gait chosen.
+
+    `other_than`: gaits of which the chosen one must differ (`Gait.is_near`), such as those that were filmed.
+    Raises `InputError` where the rig allows none.
 
     With a `scene` from films, gaits are searched and predicted for robots sampled from it. A filmed gait that
     walked is kept, unless another one is better by more than the required margin (`eldir.built.gait_choice`).
     `samples`: robots for which each walk is predicted. `stage` is called with what is computed next. The same
     seed gives the same result.
     """
+    if other_than:
+        return _find_other_gait(design, limits, other_than, seed, samples, scene, stage)
     filmed = [] if scene is None else [f for f in scene.filmed_of(design) if limits.allowed(f.gait)]
     if scene is None and (own := read_gait(design)) is not None and own.method == EVOLVED:
         return _find_evolved_gait(design, limits, own, imitate, seed, samples, stage)
@@ -120,6 +127,35 @@ def find_gait(
     gaits["filmed"] = chosen.gait
     (walks["filmed"],) = sample_walks(robots, [chosen.gait], samples, seed)
     return GaitSearchResult(gaits, walks, "filmed", chosen.kept_film, chosen.reason)
+
+
+def _find_other_gait(
+    design: Design,
+    limits: HeatingLimits,
+    other_than: Sequence[Gait],
+    seed: int,
+    samples: int,
+    scene: PrintedScene | None,
+    stage: Stage,
+) -> GaitSearchResult:
+    def allowed(gait: Gait) -> bool:
+        return limits.allowed(gait) and not any(gait.is_near(other) for other in other_than)
+
+    others = replace(limits, allowed=allowed)
+    if scene is None:
+        robots, found = nominal_robots(design, limits), search_gait(design, others, seed, stage)
+    else:
+        robots = IdentifiedRobots.of(design, scene, [f.gait for f in scene.filmed_of(design)])
+        found = search_robust_gait(robots, others, (), seed, stage)
+    if not allowed(found):
+        raise InputError(
+            "the rig allows no gait that differs enough",
+            code="gait.no-other",
+            expected="another phase, period or time of heating by a tenth",
+            remedy="film a robot with two motors, or change the rig's limits",
+        )
+    walks = sample_walks_in_turn(robots, [found], samples, seed, stage, _PREDICTING.format(samples))
+    return GaitSearchResult({"search": found}, {"search": walks[0]}, "search")
 
 
 def _find_evolved_gait(
@@ -182,6 +218,7 @@ def search_gait(design: Design, limits: HeatingLimits, seed: int = 0, stage: Sta
     robots, phases = nominal_robots(design, limits), _phases(design.morphology.motors, limits)
     best = phases[int(np.argmax(simulate_most_probable(robots, phases, cycles=_CYCLES, coarse=True)))]
     tried = [best, *_retime(best, limits, limits.springs)]
+    tried = [gait for gait in tried if limits.allowed(gait)] or tried
     # Other samples than those for which the walk is then predicted.
     sampled = sample_walks_in_turn(
         robots, tried, _SAMPLES, seed + 1, stage, _OTHER_TIMES, cycles=_CYCLES, coarse=True
@@ -234,7 +271,9 @@ def search_robust_gait(
     if others := _retime(best.gait, limits, robots.robot.springs):
         stage(_OTHER_TIMES)
         tried += evaluate(others)
-    new = [one for one in tried if not any(film.shows(one.gait) for film in filmed)]
+    new = [
+        one for one in tried if limits.allowed(one.gait) and not any(film.shows(one.gait) for film in filmed)
+    ]
     return max(new or tried, key=_EvaluatedGait.fitness).gait
 
 

@@ -12,8 +12,9 @@ import typer
 from eldir_app.options import DesignFile, SceneFile, ScheduleOutput, ScheduleRigFile
 
 if TYPE_CHECKING:
-    from eldir.built.scene import PrintedScene
+    from eldir.built.gait import Gait
     from eldir.design import Design
+    from eldir_hardware.planning.plan import PlanConfig
     from eldir_hardware.rig.configuration import Rig
     from eldir_hardware.safety.compatibility import PacketWiring
     from eldir_hardware.schedule import ActuationSchedule
@@ -34,6 +35,13 @@ def gait(
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Random seed of the samples.")] = 0,
     scene: SceneFile = None,
+    other_than: Annotated[
+        list[Path] | None,
+        typer.Option(
+            help="Log (MCAP) of a run whose gait the new one must differ from, for a film that tells more of "
+            "the robot. May be repeated."
+        ),
+    ] = None,
 ) -> None:
     """Write a heating schedule for a design on a rig, and predict how far the robot walks.
 
@@ -47,7 +55,7 @@ def gait(
     from eldir.built.scene import PrintedScene
     from eldir.core.files import require_ending, require_new, write_bytes
     from eldir.design import Design
-    from eldir_hardware.planning.plan import draw_heat
+    from eldir_hardware.planning.plan import PlanConfig, draw_heat
     from eldir_hardware.rig.configuration import Rig
     from eldir_hardware.rig.supply import find_implausible_springs
     from eldir_hardware.safety.compatibility import packet_wiring
@@ -57,7 +65,11 @@ def gait(
     robot, loaded = Design.load(design), Rig.load(rig)
     identified = None if scene is None else PrintedScene.load(scene)
     design_file = os.path.relpath(design, out.parent)
-    schedule = _plan(robot, loaded, imitate, seed, design_file, identified)
+    if other_than and imitate:
+        raise typer.BadParameter("expected one of --imitate and --other-than", param_hint="--other-than")
+    others = tuple(_read_gait(log) for log in other_than or ())
+    config = PlanConfig(imitate, seed, design_file=design_file, scene=identified, other_than=others)
+    schedule = _plan(robot, loaded, config)
     schedule.save(out)
     if picture is not None:
         write_bytes(picture, draw_heat(schedule))
@@ -77,14 +89,31 @@ def gait(
     )
 
 
-def _plan(
-    design: Design, rig: Rig, imitate: bool, seed: int, design_file: str, scene: PrintedScene | None
-) -> ActuationSchedule:
+def _read_gait(log: Path) -> Gait:
+    """The gait of a run. Raises `InputError` for a log without one."""
+    from eldir.errors import InputError
+    from eldir_hardware.log.reader import read_attachment, read_log
+    from eldir_hardware.planning.compiler import extract_gait
+    from eldir_hardware.schedule import ActuationSchedule
+
+    attached = read_log(log).attachments
+    schedule = read_attachment(attached, log, "schedule.json", ActuationSchedule.from_json)
+    gait = None if schedule is None else extract_gait(schedule)
+    if gait is None:
+        raise InputError(
+            f"{log} has no gait",
+            code="log.no-gait",
+            expected="a schedule with one pulse of each spring in a period, alike on both faces",
+        )
+    return gait
+
+
+def _plan(design: Design, rig: Rig, config: PlanConfig) -> ActuationSchedule:
     """Plan the schedule with a progress bar."""
     from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn
 
     from eldir_app.progress import progress_bar
-    from eldir_hardware.planning.plan import PlanConfig, plan
+    from eldir_hardware.planning.plan import plan
 
     columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
     note = "planning: about a minute, or several where springs cool slowly"
@@ -93,7 +122,7 @@ def _plan(
         return plan(
             design,
             rig,
-            PlanConfig(imitate, seed, design_file=design_file, scene=scene),
+            config,
             lambda stage: progress.update(task, description=stage),
         )
 

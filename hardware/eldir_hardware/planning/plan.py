@@ -68,6 +68,8 @@ class PlanConfig:
     """Path from the schedule to the design, from which a virtual rig loads its robot."""
     scene: PrintedScene | None = None
     """Scene identified from films, for whose robots gaits are searched and predicted."""
+    other_than: tuple[Gait, ...] = ()
+    """Gaits from which the schedule's must differ, such as filmed ones."""
 
 
 def plan(
@@ -94,6 +96,7 @@ def plan(
         seed=config.seed,
         samples=config.samples,
         scene=config.scene,
+        other_than=config.other_than,
         stage=on_stage,
     )
     return plan_gait(design, rig, found, config, on_stage)
@@ -232,7 +235,8 @@ def _shortest_period(heating: float, springs: SpringParameters, rig: Rig, motors
     at_once = max(1, int((rig.supply.max_total_current_a + 1e-9) // current))
     if rig.supply.outputs == "shared":
         at_once = 2 * motors
-    rounds = math.ceil(2 * motors / at_once)  # every motor has a spring on both faces
+    outputs = 2 * motors // rig.springs_per_channel  # every motor has a spring on both faces
+    rounds = math.ceil(outputs / at_once)
     limits = rig.limits
     pause = max(cooling, limits.min_off_s)
     in_a_minute = max(1, int(limits.duty * DUTY_WINDOW / heating + 1e-9))  # whole pulses

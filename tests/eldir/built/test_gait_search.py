@@ -9,12 +9,13 @@ import pytest
 
 from eldir.built import gait_search, samples
 from eldir.built.gait import Gait, free_lengths
-from eldir.built.gait_search import search_gait, search_robust_gait
+from eldir.built.gait_search import find_gait, search_gait, search_robust_gait
 from eldir.built.robot import build
 from eldir.built.samples import IdentifiedRobots, SampledWalks, sample_walks, simulate_most_probable
 from eldir.built.screening import candidate_gaits
 from eldir.built.walking import walk
 from eldir.design import Design
+from eldir.errors import InputError
 from eldir.lattice import Lattice
 from eldir.parameters.printed import BuiltParameters
 from eldir_hardware.planning.plan import heating_limits
@@ -23,6 +24,7 @@ from tests.eldir.built.filmed_scenes import film, scene_of
 from tests.eldir.built.robots_alike import NO_ERRORS
 from tests.eldir.random_design import make_design
 from tests.hardware.rigs_and_schedules import rig_with
+from tests.raised import raises
 
 LIMITS = heating_limits(rig_with())
 
@@ -60,6 +62,35 @@ def test_the_search_takes_what_walks_farthest_and_is_allowed(monkeypatch):
     slower = search_gait(design, weak)
     assert weak.allowed(slower), "6 s of heating are not allowed there"
     assert slower.duty[0] * slower.period <= 5.2 + 1e-6
+    shown = [found]
+    for _ in range(2):
+        other = find_gait(design, LIMITS, other_than=shown, samples=2)
+        assert LIMITS.allowed(other.gait) and not any(other.gait.is_near(gait) for gait in shown)
+        shown.append(other.gait)
+
+
+def test_gaits_are_near_by_what_a_film_shows():
+    """Phases count relative to the first motor and around the period."""
+    one = Gait(30.0, np.array([0.0, 0.95]), np.array([0.2, 0.2]))
+    later = replace(one, phase=np.array([0.5, 0.45]))
+    assert one.is_near(one) and one.is_near(later)
+    assert one.is_near(replace(one, phase=np.array([0.0, 0.04])))
+    assert not one.is_near(replace(one, phase=np.array([0.0, 0.06])))
+    for period, heating, near in (
+        (32.0, 6.0, True),
+        (34.0, 6.0, False),
+        (30.0, 5.2, False),
+        (30.0, 6.5, True),
+    ):
+        other = Gait(period, one.phase, np.full(2, heating / period))
+        assert one.is_near(other) == other.is_near(one) == near, (period, heating)
+
+
+def test_where_the_rig_allows_no_other_gait_it_is_said(design: Design):
+    one = candidate_gaits(design.morphology.motors)[0]
+    alone = replace(LIMITS, allowed=one.is_near)
+    with raises(InputError, "gait.no-other"):
+        find_gait(design, alone, other_than=[one], samples=2)
 
 
 def test_the_search_rejects_what_falls_in_other_builds(monkeypatch):
