@@ -5,7 +5,7 @@ Cheap models come first, until one explains the films.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -153,30 +153,32 @@ class ModelSearch:
     progress: Progress
     config: IdentificationConfig
 
-    def candidates(self, nominal: RobotParameters, others: Sequence[RobotParameters]) -> list[CandidateModel]:
-        """All models that were tried, the one with the assumed joints (`nominal`) first.
+    def models(self, nominal: RobotParameters, others: Sequence[RobotParameters]) -> Iterator[CandidateModel]:
+        """Fit one model after the other, the one with the assumed joints (`nominal`) first.
 
         Other joints are tried in their order until one explains the films. If the residuals of none are only
         noise, every strip and spring gets parameters of its own: with each of the joints that explain about
         as much as the best, until such a model fits and has smaller residuals than all models of equal parts.
         """
         candidates = [self._fit_assumed(nominal)]
+        yield candidates[-1]
         for other in others:
             if self._is_explained(candidates):
                 break
             candidates.append(self._fit_joints(other, candidates[0].fit))
+            yield candidates[-1]
         if any(within_noise(c.fit.check) for c in candidates):
-            return candidates
+            return
         min_unexplained = min(c.fit.check.unexplained for c in candidates)
         similar = [
             c for c in candidates if c.fit.check.unexplained <= self.config.joint_tolerance * min_unexplained
         ]
         for candidate in similar:
             if candidate.fit.check.is_decidable:
-                candidates.append(self._fit_parts(candidate))
-                if candidates[-1].verdict.fits and candidates[-1].fit.check.unexplained < min_unexplained:
+                with_parts = self._fit_parts(candidate)
+                yield with_parts
+                if with_parts.verdict.fits and with_parts.fit.check.unexplained < min_unexplained:
                     break
-        return candidates
 
     def _is_explained(self, candidates: Sequence[CandidateModel]) -> bool:
         """Whether no further joints are tried: the residuals of the last ones are only noise, or much smaller

@@ -36,6 +36,9 @@ from eldir_calibration.dynamics.recording import (
 )
 from eldir_calibration.dynamics.verdict import is_identified
 
+STOPPED = "stopped"
+"""Entry of a scene's provenance: the search was ended before all models were tried."""
+
 
 @dataclass(frozen=True)
 class HeldOutCycles:
@@ -91,7 +94,9 @@ def identify_robot(
         progress: called with the present step and the fraction of it that is done.
 
     The result is the model that predicts the held-out cycle best, among the models that fit, or among all if
-    none fits (`eldir_calibration.dynamics._model_search`).
+    none fits (`eldir_calibration.dynamics._model_search`). A `KeyboardInterrupt` ends the search: the result
+    is then that of the models that were fitted before, and `STOPPED` is in its provenance. Without any model
+    it is raised.
 
     Raises:
         InputError: if the films do not determine the robot, or show a robot of another design.
@@ -99,7 +104,14 @@ def identify_robot(
     require_informative(recordings, config)
     last = recordings[-1]
     search = ModelSearch(body, recordings, names, measurements, seed, progress, config)
-    candidates = search.candidates(nominal, others)
+    candidates: list[CandidateModel] = []
+    provenance = provenance or {}
+    try:
+        candidates.extend(search.models(nominal, others))
+    except KeyboardInterrupt:
+        if not candidates:
+            raise
+        provenance = provenance | {STOPPED: True}
     best = min(candidates, key=lambda c: (not c.verdict.fits, c.held_out.rms))
     robot = best.robot(body)
     strips, springs = part_numbers(robot)
@@ -114,7 +126,7 @@ def identify_robot(
         scene,
         model_fits=best.verdict.fits,
         results=summarise(best, candidates, body, last, config),
-        provenance=provenance or {},
+        provenance=provenance,
     )
 
 

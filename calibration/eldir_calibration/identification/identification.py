@@ -31,7 +31,7 @@ from eldir_calibration.dynamics.recording import (
     Recording,
     stays_upright,
 )
-from eldir_calibration.dynamics.results import identify_robot
+from eldir_calibration.dynamics.results import STOPPED, identify_robot
 from eldir_calibration.report.comparison import Motion
 from eldir_hardware.planning.compiler import extract_gait
 
@@ -150,7 +150,7 @@ def identify_films(
         ballast_kg=ballast if ballast.any() else ballast[:0],
         filmed_gaits=tuple(films.filmed_gaits),
     )
-    if figures is not None:
+    if figures is not None and STOPPED not in scene.provenance:
         scene = write_figures(films, scene, figures, progress)
     return scene
 

@@ -109,7 +109,7 @@ def tried(
         walker(), [recording], ("hot_length",), NOT_MEASURED, 0, lambda what, _: said.append(what),
         DEFAULT_CONFIG,
     )  # fmt: skip
-    found = search.candidates(SOFT, [HUBS, CLAMPED])
+    found = list(search.models(SOFT, [HUBS, CLAMPED]))
     return [c.nominal.printed.joints + " with parts" * c.has_own_parts for c in found], said
 
 

@@ -49,12 +49,13 @@ def dynamics(
 
     Prints each value with its 95 % interval, and names the values that the films do not determine. The last
     cycle is held out to show how much better the prediction has become. Other commands take the result as
-    --scene.
+    --scene. Ctrl-C ends the search, and keeps the best model so far.
 
     Example: eldir calibrate dynamics log.mcap --design design.json --weight 74.5 --out scene.json
     """
     from eldir.core.files import require_new
     from eldir.design import Design
+    from eldir_calibration.dynamics.results import STOPPED
 
     require_new(out, figures)
     if weight is not None and not 0 < weight < 10_000:
@@ -65,6 +66,8 @@ def dynamics(
     measured = {"weight_g": weight, "current_a": current, "voltage_v": voltage}
     films, scene = _identify(logs, Design.load(design), measured, seed, figures)
     scene.save(out)
+    if scene.provenance.get(STOPPED):
+        typer.echo(f"stopped: {out} has the best of the models so far; others were not tried", err=True)
     if as_json:
         typer.echo(out.read_text(), nl=False)
         return
