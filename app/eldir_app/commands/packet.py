@@ -55,7 +55,7 @@ def packet(
     if as_json:
         print((out / "manifest.json").read_text(), end="")
     else:
-        print(f"{out}: {totals.parts} parts on {totals.plates} plates, {totals.weight_g:.0f} g of resin")
+        print(f"{out}: {totals.parts} parts on {totals.plates} plates, {totals.weight_g:.1f} g of resin")
         if (ground := written.manifest.ground) is not None:
             weight = sum(piece.weight_g for piece in ground.values())
             print(f"ground: {len(ground)} pieces, {weight:.0f} g of resin; assembly.pdf says how they lie")

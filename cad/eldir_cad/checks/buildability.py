@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eldir.built.robot import build, count_mechanisms, find_held_motors, static_margin
+from eldir.design import marked_masses
 from eldir.lattice import HALF_SIDE
 from eldir.morphology import Morphology
 from eldir.parameters.springs import SpringParameters
@@ -36,7 +37,15 @@ from eldir_cad.checks.tipping import (
     twist_angle,
 )
 from eldir_cad.checks.violations import BuildReport, Severity, Violation
-from eldir_cad.geometry.parts import cap, connector, fitting, mass_volume, strip
+from eldir_cad.geometry.parts import (
+    cap,
+    connector,
+    engraved_volume,
+    fitting,
+    mass_volume,
+    seat_volume,
+    strip,
+)
 from eldir_cad.geometry.plates import Size, count_plates
 from eldir_cad.kit.printer import Printer
 from eldir_cad.kit.specification import Specification
@@ -333,6 +342,7 @@ def _count_parts(morphology: Morphology, spec: Specification, printer: Printer) 
     }
     volume = sum(volumes[name] * n for name, n in counts.items() if name != "mass")
     volume += 2 * sum(mass_volume(spec, sockets) for sockets in degree)
+    volume -= _engraved(spec, masses) + len(marked_masses(morphology)) * seat_volume(spec)
     resin = volume * 1e-3 * printer.material.density
     return [], {
         "masses": masses,
@@ -343,6 +353,9 @@ def _count_parts(morphology: Morphology, spec: Specification, printer: Printer) 
         "resin_g": round(resin, 2),
         "robot_g": round(resin + 2 * motors * 1e3 * SpringParameters().mass, 2),
     }
+
+
+_engraved = lru_cache(maxsize=64)(engraved_volume)
 
 
 @lru_cache(maxsize=8)

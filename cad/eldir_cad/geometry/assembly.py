@@ -7,7 +7,7 @@ in its design. The planes stand at equal distances from z = 0; masses open towar
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -70,11 +70,13 @@ def assemble(
     spec: Specification,
     marks: IntArray | None = None,
     ballast: tuple[int, Part] | None = None,
+    disc_faces: Sequence[Face] = FACES,
 ) -> Assembly:
     """All parts of both faces with their placements. `marks`: mass indices of m1, m2, ...; by default those
     of `marked_masses`.
 
-    `ballast`: a mass, and the holder that it gets on each face.
+    `ballast`: a mass, and the holder that it gets on each face. `disc_faces`: the faces on which m1, m2, ... have
+    seats for discs; by default both, so that they weigh the same.
     """
     centres = (morphology.positions - morphology.positions.min(axis=0)) * spec.scale
     directions = spring_directions(morphology)
@@ -86,7 +88,8 @@ def assemble(
     placements: list[Placement] = []
     for face in FACES:
         for i, centre in enumerate(centres):
-            part = kit.mass(spec, i, directions[i], face, marker_names.get(i))
+            marker = marker_names.get(i) if face in disc_faces else None
+            part = kit.mass(spec, i, directions[i], face, marker)
             parts[part.name] = part
             placements.append(_place_mass(part.name, face, i, centre, spec))
             if len(directions[i]) == 6:

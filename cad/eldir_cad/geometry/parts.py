@@ -69,6 +69,18 @@ def mass_volume(spec: Specification, sockets: int) -> float:
     return float(hexagonal.area() * m.height - cut * m.socket_depth)
 
 
+def engraved_volume(spec: Specification, masses: int) -> float:
+    """Volume that the numbers of the masses 0 to `masses` - 1 take from both faces [mm3]."""
+    m = spec.mass
+    numbers = (number(i, m.digit_height, m.stroke, 1 + k) for i in range(masses) for k in range(len(FACES)))
+    return m.engraving_depth * sum(float((digits ^ hexagon(m.across_flats)).area()) for digits in numbers)
+
+
+def seat_volume(spec: Specification) -> float:
+    """Volume that the seat of a tracking disc takes from a mass [mm3]."""
+    return float(circle(spec.mass.disc_diameter).area()) * spec.mass.disc_depth
+
+
 def strip(spec: Specification) -> Part:
     """Passive spring, printed on its edge so that its thickness is drawn by pixels, not layers."""
     s = spec.strip

@@ -3,16 +3,13 @@ sign."""
 
 from __future__ import annotations
 
-import io
 import textwrap
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
 
 from eldir.built.robot import build, feet
 from eldir.core.pictures import GROUND, MARK, MOTOR
@@ -23,12 +20,12 @@ from eldir_cad.checks.kinematics import find_hinges, find_mechanisms
 from eldir_cad.checks.violations import BuildReport
 from eldir_cad.geometry.ground import Ground
 from eldir_cad.packet._drawing import CONNECTOR
+from eldir_cad.packet._kit import describe_current
+from eldir_cad.packet._layout import Page
 from eldir_cad.packet.manifest import Content
 
 _MAX_MOTIONS = 4  # that are drawn of a kind
 _ARROW = 0.03  # length of the longest arrow [m]
-_PAGE = (8.27, 11.69)  # A4 upright [inches]
-_LEFT, _TOP, _LINE, _WRAP = 0.08, 0.93, 0.0175, 92
 _MAX_NOTES = 12
 
 
@@ -179,22 +176,6 @@ def draw_ground(c: Content, ground: Ground) -> Figure:
     return figure
 
 
-def to_pdf(figures: Sequence[Figure]) -> bytes:
-    """Pages as PDF without dates; the same figures give the same bytes."""
-    file = io.BytesIO()
-    with PdfPages(file, metadata={"CreationDate": None}) as pages:
-        for figure in figures:
-            pages.savefig(figure)
-    return file.getvalue()
-
-
-def add_footer(pages: Sequence[Figure], text: str) -> list[Figure]:
-    """The pages with a line at the bottom that says which robot they are for, and their numbers."""
-    for i, page in enumerate(pages, start=1):
-        page.text(_LEFT, 0.006, f"{text}   page {i} of {len(pages)}", fontsize=6.5, color="#444444")
-    return list(pages)
-
-
 def draw_traveller(c: Content) -> list[Figure]:
     """Process sheet: from the printer to parts that are ready to be assembled."""
     printer, wash = c.printer, c.printer.wash
@@ -214,7 +195,7 @@ def draw_traveller(c: Content) -> list[Figure]:
         "correct `allowance` and write the packet again",
         "Count the parts against bom.csv; weigh one mass and one passive spring",
     ]
-    page = _Page("Traveller")
+    page = Page("Traveller")
     page.table([f"{i}. {step}" for i, step in enumerate(steps, start=1)])
     page.heading("Warnings")
     page.list(
@@ -222,19 +203,13 @@ def draw_traveller(c: Content) -> list[Figure]:
             "Heat: coils reach 60 C and more where they sit in the resin. The heat-deflection temperature of "
             "the resin is not known. Look at the mounts after every run; stop if one has moved or softened.",
             "Never connect a coil to a supply without a current limit and an independent cut-off. At most "
-            f"{_describe_current(c)}. A coil that stays on damages itself and the parts by heat.",
+            f"{describe_current(c)}. A coil that stays on damages itself and the parts by heat.",
             "Uncured resin and its solvents: wear gloves and glasses, and ventilate the room.",
         ]
     )
     page.heading("Findings of the build filter")
     page.list(_shorten([f"{v.severity}: {v}" for v in c.report.violations]) or ["none"])
     return [page.figure]
-
-
-def _describe_current(c: Content) -> str:
-    """The current limit, and under which conditions it holds."""
-    coil = c.spec.coil
-    return ", ".join(part for part in (f"{coil.current_limit_a:g} A", coil.current_conditions) if part)
 
 
 def draw_order_of_work(c: Content, connections: Wiring) -> list[Figure]:
@@ -271,7 +246,7 @@ def draw_order_of_work(c: Content, connections: Wiring) -> list[Figure]:
             f"Glue a ballast holder over the outside of mass {c.variant.ballast.mass}, on both faces; glue "
             f"{c.filling:.2f} g of steel shot into each, {c.variant.ballast.grams:g} g with the holders"
         )
-    page = _Page("Order of work")
+    page = Page("Order of work")
     page.table([f"{i}. {step}" for i, step in enumerate(steps, start=1)])
     return [page.figure]
 
@@ -289,42 +264,3 @@ def _shorten(notes: list[str]) -> list[str]:
     if len(notes) <= _MAX_NOTES:
         return notes
     return [*notes[:_MAX_NOTES], f"and {len(notes) - _MAX_NOTES} more in manifest.json"]
-
-
-class _Page:
-    """A page of text, filled from the top."""
-
-    def __init__(self, title: str):
-        self.figure = Figure(figsize=_PAGE)
-        self.figure.text(_LEFT, 0.955, title, fontsize=16, weight="bold")
-        self.figure.text(0.92, 0.955, "robot: ____________________", fontsize=9, ha="right")
-        self._y = _TOP
-
-    def heading(self, text: str) -> None:
-        self._y -= 1.5 * _LINE
-        self.figure.text(_LEFT, self._y, text, fontsize=11, weight="bold", va="top")
-        self._y -= 1.5 * _LINE
-
-    def list(self, items: Sequence[str]) -> None:
-        for item in items:
-            self._write("- " + item, _WRAP + 8)
-            self._y -= 0.4 * _LINE
-
-    def table(self, steps: Sequence[str]) -> None:
-        """Steps with a box to tick and room for date and initials."""
-        self.figure.text(0.70, self._y, "done     date            initials", fontsize=8, va="top")
-        self._y -= 1.6 * _LINE
-        for step in steps:
-            top = self._y
-            box = Rectangle(
-                (0.705, top - 0.013), 0.018, 0.0127, fill=False, transform=self.figure.transFigure
-            )
-            self.figure.add_artist(box)
-            self.figure.text(0.75, top, "____________  ________", fontsize=8, va="top")
-            self._write(step, _WRAP - 24)
-            self._y -= 0.6 * _LINE
-
-    def _write(self, text: str, width: int) -> None:
-        lines = textwrap.wrap(text, width, subsequent_indent="   ")
-        self.figure.text(_LEFT, self._y, "\n".join(lines), fontsize=9, va="top", linespacing=1.3)
-        self._y -= _LINE * len(lines) * 0.85

@@ -28,15 +28,12 @@ from eldir_cad.geometry.shapes import stl
 from eldir_cad.kit.printer import Printer, fit_to_printer, load_printer
 from eldir_cad.kit.specification import Specification, load_specification
 from eldir_cad.packet import _drawing
-from eldir_cad.packet._pages import (
-    add_footer,
-    draw_findings,
-    draw_ground,
-    draw_order_of_work,
-    draw_traveller,
-    to_pdf,
-)
-from eldir_cad.packet.manifest import Content, Manifest, bill_of_materials, make_content, wiring_table
+from eldir_cad.packet._kit import draw_kit
+from eldir_cad.packet._layout import add_footer, to_pdf
+from eldir_cad.packet._pages import draw_findings, draw_ground, draw_order_of_work, draw_traveller
+from eldir_cad.packet._tables import bill_of_materials, lead_lengths, wiring_table
+from eldir_cad.packet.manifest import Content, Manifest, make_content
+from eldir_cad.packet.shopping import bench_items, parts_to_buy
 
 
 @dataclass(frozen=True)
@@ -94,7 +91,9 @@ def _write_files(folder: Path, c: Content, connections: Wiring, leads: Sequence[
             write_bytes(folder / "plates" / f"{plate.name}.3mf", plate.threemf())
             write_bytes(folder / "plates" / f"{plate.name}.stl", plate.stl())
     body = c.assembly.morphology
-    write_text(folder / "bom.csv", bill_of_materials(c))
+    lead_mm = max(lead_lengths(leads).values())
+    bought = [*parts_to_buy(c), *bench_items(c, connections, lead_mm)]
+    write_text(folder / "bom.csv", bill_of_materials(c, bought))
     write_text(folder / "wiring.csv", wiring_table(c, connections, leads))
     ballast = c.variant.ballast.mass if c.variant.ballast else None
     plan = _drawing.draw_assembly_map(c.assembly, connections, ballast)
@@ -103,6 +102,7 @@ def _write_files(folder: Path, c: Content, connections: Wiring, leads: Sequence[
     if c.ground is not None:
         pages.append(draw_ground(c, c.ground))
     write_bytes(folder / "assembly.pdf", to_pdf(add_footer(pages, footer)))
+    write_bytes(folder / "kit.pdf", to_pdf(add_footer(draw_kit(c, connections, lead_mm), footer)))
     write_bytes(folder / "preview.png", png(_drawing.draw_robot(c.assembly, c.spec)))
     write_bytes(folder / "preview.glb", _drawing.robot_glb(c.assembly, c.spec))
     write_bytes(folder / "traveller.pdf", to_pdf(add_footer(draw_traveller(c), footer)))

@@ -1,10 +1,10 @@
-"""The contents of a packet: parts that are modelled, measured, placed and nested on plates, their tables
-(CSV), and the file manifest.json."""
+"""The contents of a packet: parts that are modelled, measured, placed and nested on plates; and the file
+manifest.json."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
@@ -12,13 +12,11 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
 
-from eldir.core.pictures import csv_text
 from eldir.core.records import OMITTED, FileRecord, Record, record
 from eldir.core.version import __version__
 from eldir.design import Design, Variant
 from eldir.errors import EldirError, InputError
 from eldir.parameters.wiring import Connection, Wiring, wiring_digest
-from eldir_cad.checks.contacts import Lead
 from eldir_cad.checks.violations import BuildReport
 from eldir_cad.geometry.assembly import Assembly, assemble, smallest_gap
 from eldir_cad.geometry.ground import Ground, make_ground
@@ -30,7 +28,6 @@ from eldir_cad.kit.specification import Specification
 
 Digest = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 _MIN_CLEARANCE = 0.98  # of the specified clearance, between placed parts: circles are polygons
-SLACK = 100.0  # of a lead, beyond its length to the top of the robot [mm]
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +67,8 @@ def make_content(
             )
         part, filling = holder(spec, variant.ballast.grams / 2, printer.material.density)
         ballast = (mass, part)
-    assembly = assemble(built.morphology, spec, built.marks, ballast)
+    # The camera sees the front face.
+    assembly = assemble(built.morphology, spec, built.marks, ballast, disc_faces=("front",))
     inspections = {name: inspect(part.mesh, printer) for name, part in assembly.parts.items()}
     for name, part in assembly.parts.items():
         require_printable(name, part.mesh, inspections[name], printer)
@@ -109,66 +107,6 @@ def _nest_ground(ground: Ground, printer: Printer) -> list[Plate]:
     parts = {piece.part.name: piece.part for piece in ground.pieces}
     plates = nest(parts, dict.fromkeys(parts, 1), printer)
     return [replace(plate, name=f"ground_{plate.name}") for plate in plates]
-
-
-def bill_of_materials(c: Content) -> str:
-    """Printed parts, then purchased parts, as CSV."""
-    density = c.printer.material.density * 1e-3  # g/mm3
-    rows: list[list[object]] = []
-    for name, count in c.assembly.counts.items():
-        part = c.assembly.parts[name]
-        size = [f"{part.volume:.1f}", f"{part.volume * density:.3f}"]
-        printing = [part.pose, c.inspections[name].supports]
-        rows.append([name, part.purpose, count, *size, f"{name}.stl", *printing])
-    for piece in () if c.ground is None else c.ground.pieces:
-        part = piece.part
-        size = [f"{part.volume:.1f}", f"{part.volume * density:.3f}"]
-        rows.append([part.name, part.purpose, 1, *size, f"{part.name}.stl", part.pose, "none"])
-    coil = c.spec.coil
-    purchased: list[tuple[str, str, int]] = [
-        (
-            "shape_memory_spring",
-            f"two-way Nitinol coil, {coil.cold_length:g} mm cold, {coil.hot_length:g} mm hot, "
-            f"{coil.outer_diameter:g} mm outside",
-            2 * c.assembly.morphology.motors,
-        ),
-        (
-            "tracking_disc",
-            f"coloured disc for m1 to m5 on the front face, a little less than its seat of "
-            f"{c.spec.mass.disc_diameter:g} mm",
-            len(c.assembly.marks),
-        ),
-    ]
-    if c.variant.ballast is not None:
-        purchased.append(("ballast", f"steel shot, {c.filling:.2f} g into each ballast holder", 2))
-    rows += [[name, purpose, count, "", "", "", "", ""] for name, purpose, count in purchased]
-    header = ["part", "purpose", "count", "volume_mm3", "weight_g", "file", "printed", "supports"]
-    return csv_text(header, rows)
-
-
-def wiring_table(c: Content, connections: Wiring, leads: Sequence[Lead]) -> str:
-    """The relay channel of each spring, as CSV. The column of the resistance is left empty, to be filled
-    in."""
-    body = c.assembly.morphology
-    motors = np.flatnonzero(body.active)
-    longest = [max(lead.length for lead in leads if lead.motor == m) for m in range(len(motors))]
-    rows: list[list[object]] = [
-        [
-            connection.spring,
-            motors[connection.spring],
-            connection.face,
-            *body.springs[motors[connection.spring]],
-            connection.channel,
-            "",
-            c.spec.coil.current_limit_a,
-            round(longest[connection.spring] + SLACK),
-            c.spec.coil.current_conditions,
-        ]
-        for connection in connections
-    ]
-    header = ["spring", "spring_in_design", "face", "mass_a", "mass_b", "relay_channel"]
-    header += ["resistance_ohm_measured", "current_limit_a", "lead_to_top_mm", "current_conditions"]
-    return csv_text(header, rows)
 
 
 @record

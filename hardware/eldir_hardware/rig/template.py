@@ -12,6 +12,7 @@ from typing import Any
 from eldir.core.validation import adapter
 from eldir.core.yaml_files import dump_yaml, parse_yaml
 from eldir.errors import InputError
+from eldir.parameters.bench import CONTACT_RATING_A, MAX_ON_S, MAX_TOTAL_CURRENT_A, TIMER_S
 from eldir.parameters.wiring import wiring
 from eldir_hardware.relay.registration import get_board
 from eldir_hardware.rig.configuration import Rig
@@ -32,7 +33,7 @@ kind: {kind}
 board:
   kind: {board}
 {port}  channels: {count}
-  contact_rating_a: 10
+  contact_rating_a: {rating:g}
 {timer}channels:
 {channels}
 """
@@ -40,30 +41,30 @@ _REAL = """\
 supply:
   voltage_v: 11
   current_limit_a: null
-  max_total_current_a: 16
+  max_total_current_a: {total}
   lead_resistance_ohm: 0.05
 springs:
   resistance_ohm: null
   ambient_c: 22
-tolerances: {current: 0.05, ambient_min_c: 18, ambient_max_c: 30, convection_tolerance: 0.1}
-# fan: {interlocked: true}
-# cutoff: {kind: timer, max_on_s: 6.3}
-# sensor: {kind: ina226, port: /dev/serial/by-path/..., shunt_ohm: 0.01}
-# thermometer: {kind: w1, path: /sys/bus/w1/devices/28-.../temperature}
-limits: {max_temperature_c: 90, max_on_s: 6.0, min_off_s: 8.0}
-# camera: {kind: live, device: camera:0, rate_hz: 30, width: 640, height: 480, plane: plane.json}
+tolerances: {{current: 0.05, ambient_min_c: 18, ambient_max_c: 30, convection_tolerance: 0.1}}
+# fan: {{interlocked: true}}
+# cutoff: {{kind: timer, max_on_s: {timer}}}
+# sensor: {{kind: ina226, port: /dev/serial/by-path/..., shunt_ohm: 0.01}}
+# thermometer: {{kind: w1, path: /sys/bus/w1/devices/28-.../temperature}}
+limits: {{max_temperature_c: 90, max_on_s: {max_on}, min_off_s: 8.0}}
+# camera: {{kind: live, device: camera:0, rate_hz: 30, width: 640, height: 480, plane: plane.json}}
 # marker: discs
 # notify: ["mailto://user:password@example.org"]
 """
 _VIRTUAL = """\
-supply: {{voltage_v: 11, current_limit_a: {current}, max_total_current_a: 16, lead_resistance_ohm: 0.05}}
+supply: {{voltage_v: 11, current_limit_a: {current}, max_total_current_a: {total}, lead_resistance_ohm: 0.05}}
 springs: {{resistance_ohm: 0.987, ambient_c: 22}}
 tolerances: {{current: 0.05, ambient_min_c: 18, ambient_max_c: 30, convection_tolerance: 0.1}}
 fan: {{interlocked: true}}
-cutoff: {{kind: timer, max_on_s: 6.3}}
+cutoff: {{kind: timer, max_on_s: {timer}}}
 # sensor: {{kind: ina226, shunt_ohm: 0.01}}
 # thermometer: {{kind: w1}}
-limits: {{max_temperature_c: 90, max_on_s: 6.0, min_off_s: 8.0}}
+limits: {{max_temperature_c: 90, max_on_s: {max_on}, min_off_s: 8.0}}
 camera: {{kind: virtual, rate_hz: 10}}
 # marker: discs
 virtual:
@@ -72,13 +73,14 @@ virtual:
   physics: {physics}
 {design}# notify: ["mailto://user:password@example.org"]
 """
+_BENCH = {"total": f"{MAX_TOTAL_CURRENT_A:g}", "timer": TIMER_S, "max_on": MAX_ON_S}
 _WIDTH = 110  # of a comment [characters]
 
 
 def real_rig(board: str, port: str, *, in_series: bool = False) -> str:
     """The text of a rig file for a real board; it arms only when completed. `in_series`: as of `wiring`."""
     head = _fill_head("bench", "real", board, f"  port: {_scalar(port)}\n", "null", in_series)
-    return _with_comments(head + _REAL, "VirtualEntry", "VirtualCameraEntry")
+    return _with_comments(head + _REAL.format(**_BENCH), "VirtualEntry", "VirtualCameraEntry")
 
 
 def virtual_rig(
@@ -94,7 +96,9 @@ def virtual_rig(
     `wiring`."""
     head = _fill_head("virtual bench", "virtual", board, "", "true", in_series)
     robot = "" if design is None else f"  design: {_scalar(design)}\n"
-    text = _VIRTUAL.format(current=CURRENT_LIMIT_A, seed=seed, clock=clock, physics=physics, design=robot)
+    text = _VIRTUAL.format(
+        current=CURRENT_LIMIT_A, seed=seed, clock=clock, physics=physics, design=robot, **_BENCH
+    )
     return _with_comments(head + text, "LiveCameraEntry")
 
 
@@ -161,6 +165,7 @@ def _fill_head(name: str, kind: str, board: str, port: str, retriggerable: str, 
         board=board,
         port=port,
         count=len(connections),
+        rating=CONTACT_RATING_A,
         timer=_timer_entry(board, retriggerable),
         channels="\n".join(rows),
     )

@@ -58,7 +58,12 @@ def test_the_robot_s_own_lists_and_parts_are_as_on_a_table(packet: Path, tmp_pat
     assert not (table / "ground").exists()
     names = {p.relative_to(table) for p in table.rglob("*") if p.is_file()}
     differing = {str(n) for n in names if (table / n).read_bytes() != (packet / n).read_bytes()}
-    assert differing == {"design.json", "bom.csv", "manifest.json", "assembly.pdf", "traveller.pdf"}
+    assert differing == {
+        "design.json",
+        "bom.csv",
+        "manifest.json",
+        *(f"{n}.pdf" for n in ("assembly", "kit", "traveller")),
+    }
     own, other = (json.loads((p / "manifest.json").read_text()) for p in (packet, table))
     assert own["totals"] == other["totals"] and own["parts"] == other["parts"]
     assert "ground" not in other

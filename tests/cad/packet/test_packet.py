@@ -21,6 +21,7 @@ from eldir.errors import EldirError, InputError
 from eldir.genotype import random_genotypes
 from eldir.lattice import Lattice
 from eldir.morphology import develop
+from eldir.parameters.springs import SpringParameters
 from eldir_app.commands.packet import packet as command
 from eldir_cad.geometry.assembly import assemble, smallest_gap, spring_directions
 from eldir_cad.geometry.plates import nest
@@ -72,7 +73,15 @@ def test_manifest_names_every_file_and_fits_its_schema(packet, manifest):
     files = {p.relative_to(packet).as_posix(): p for p in packet.rglob("*") if p.is_file()}
     del files["manifest.json"]
     assert manifest["files"] == {n: hashlib.sha256(p.read_bytes()).hexdigest() for n, p in files.items()}
-    loose = {"bom.csv", "wiring.csv", "traveller.pdf", "assembly.pdf", "preview.png", "preview.glb"}
+    loose = {
+        "bom.csv",
+        "wiring.csv",
+        "traveller.pdf",
+        "assembly.pdf",
+        "kit.pdf",
+        "preview.png",
+        "preview.glb",
+    }
     assert {n for n in files if "/" not in n} == loose | {"design.json"}
     assert {n.split("/")[0] + "/*" + Path(n).suffix for n in files if "/" in n} == {
         "plates/*.3mf", "plates/*.stl", "parts/*.stl"
@@ -93,7 +102,9 @@ def test_every_stl_is_watertight_and_weighs_what_the_manifest_says(packet, manif
     total = sum(e["count"] * e["volume_mm3"] for e in manifest["parts"].values())
     assert manifest["totals"]["volume_mm3"] == pytest.approx(total, rel=1e-6)
     figures = manifest["build_report"]["figures"]
-    assert figures["resin_mm3"] == pytest.approx(total, rel=0.02)  # less engraving and seats
+    assert figures["resin_mm3"] == pytest.approx(total, rel=2e-4)
+    coils = 2 * ROBOT.morphology.motors * 1e3 * SpringParameters().mass
+    assert figures["robot_g"] == pytest.approx(manifest["totals"]["weight_g"] + coils, abs=0.02)
     assert figures["parts"] == manifest["totals"]["parts"]
 
 
@@ -240,7 +251,7 @@ def test_marked_masses_have_seats(packet, manifest):
     assert manifest["marks"] == {f"m{i + 1}": m for i, m in enumerate(marks.tolist())}
     purposes = {r["part"]: r["purpose"] for r in table(packet / "bom.csv")}
     seats = {name for name, purpose in purposes.items() if "seat for the disc" in purpose}
-    assert seats == {f"mass_{m:02d}_{face}" for m in marks for face in ("front", "back")}
+    assert seats == {f"mass_{m:02d}_front" for m in marks}, "where the camera looks"
 
 
 def test_nothing_is_overwritten(packet):

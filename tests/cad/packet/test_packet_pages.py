@@ -16,7 +16,9 @@ from eldir_cad.kit.printer import fit_to_printer, load_printer
 from eldir_cad.kit.specification import load_specification
 from eldir_cad.packet._drawing import draw_assembly_map
 from eldir_cad.packet._pages import draw_findings, draw_order_of_work, draw_traveller
-from eldir_cad.packet.manifest import bill_of_materials, make_content, wiring_table
+from eldir_cad.packet._tables import bill_of_materials, wiring_table
+from eldir_cad.packet.manifest import make_content
+from eldir_cad.packet.shopping import parts_to_buy
 from eldir_cad.packet.wiring_file import read_wiring
 from tests.cad.drawn_bodies import BLOCK, HOURGLASS, WHEEL, body, design
 
@@ -40,7 +42,9 @@ def words(pages):
 
 
 def test_two_motors_need_a_coil_on_each_face_for_each(content):
-    rows = {r["part"]: r for r in csv.DictReader(io.StringIO(bill_of_materials(content)))}
+    rows = {
+        r["part"]: r for r in csv.DictReader(io.StringIO(bill_of_materials(content, parts_to_buy(content))))
+    }
     assert rows["shape_memory_spring"]["count"] == "4"
     assert rows["spring_end"]["count"] == "8", "both ends of each coil"
     assert len(wiring(2)) == 4, "and each coil has its channel"

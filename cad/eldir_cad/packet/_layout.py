@@ -1,0 +1,85 @@
+"""Layout of the PDF files: pages of text, tables and steps to sign, their footers, and the file."""
+
+from __future__ import annotations
+
+import io
+import textwrap
+from collections.abc import Sequence
+
+from matplotlib.backends.backend_pdf import PdfPages
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+_PAGE = (8.27, 11.69)  # A4 upright [inches]
+_LEFT, _TOP, _LINE, _WRAP = 0.08, 0.93, 0.0175, 92
+
+
+def to_pdf(figures: Sequence[Figure]) -> bytes:
+    """Pages as PDF without dates; the same figures give the same bytes."""
+    file = io.BytesIO()
+    with PdfPages(file, metadata={"CreationDate": None}) as pages:
+        for figure in figures:
+            pages.savefig(figure)
+    return file.getvalue()
+
+
+def add_footer(pages: Sequence[Figure], text: str) -> list[Figure]:
+    """The pages with a line at the bottom that says which robot they are for, and their numbers."""
+    for i, page in enumerate(pages, start=1):
+        page.text(_LEFT, 0.006, f"{text}   page {i} of {len(pages)}", fontsize=6.5, color="#444444")
+    return list(pages)
+
+
+class Page:
+    """A page of text, filled from the top."""
+
+    def __init__(self, title: str):
+        self.figure = Figure(figsize=_PAGE)
+        self.figure.text(_LEFT, 0.955, title, fontsize=16, weight="bold")
+        self.figure.text(0.92, 0.955, "robot: ____________________", fontsize=9, ha="right")
+        self._y = _TOP
+
+    def heading(self, text: str) -> None:
+        self._y -= 1.5 * _LINE
+        self.figure.text(_LEFT, self._y, text, fontsize=11, weight="bold", va="top")
+        self._y -= 1.5 * _LINE
+
+    def list(self, items: Sequence[str]) -> None:
+        for item in items:
+            self._write("- " + item, _WRAP + 8)
+            self._y -= 0.4 * _LINE
+
+    def table(self, steps: Sequence[str]) -> None:
+        """Steps with a box to tick and room for date and initials."""
+        self.figure.text(0.70, self._y, "done     date            initials", fontsize=8, va="top")
+        self._y -= 1.6 * _LINE
+        for step in steps:
+            top = self._y
+            box = Rectangle(
+                (0.705, top - 0.013), 0.018, 0.0127, fill=False, transform=self.figure.transFigure
+            )
+            self.figure.add_artist(box)
+            self.figure.text(0.75, top, "____________  ________", fontsize=8, va="top")
+            self._write(step, _WRAP - 24)
+            self._y -= 0.6 * _LINE
+
+    def rows(
+        self, rows: Sequence[Sequence[str]], columns: Sequence[tuple[float, int]], size: float = 8
+    ) -> None:
+        """A table without lines. `columns`: the left edge of each, as a part of the page's width, and the
+        number of characters after which its text is wrapped."""
+        for row in rows:
+            cells = [textwrap.wrap(text, width) for text, (_, width) in zip(row, columns, strict=True)]
+            for lines, (left, _) in zip(cells, columns, strict=True):
+                self.figure.text(left, self._y, "\n".join(lines), fontsize=size, va="top", linespacing=1.3)
+            self._y -= _LINE * (0.85 * size / 9 * max(map(len, cells)) + 0.3)
+
+    def reserve(self, height: float) -> float:
+        """Leave room for a drawing of this height; its upper edge. Both are parts of the page's height."""
+        self._y -= height
+        return self._y + height
+
+    def _write(self, text: str, width: int) -> None:
+        lines = textwrap.wrap(text, width, subsequent_indent="   ")
+        self.figure.text(_LEFT, self._y, "\n".join(lines), fontsize=9, va="top", linespacing=1.3)
+        self._y -= _LINE * len(lines) * 0.85
