@@ -16,6 +16,7 @@ from eldir.evolution.designs import load_run
 from eldir.evolution.printed.configuration import PrintedEvolutionConfig
 from eldir.evolution.printed.run_folder import PrintedRun, evolve_printed
 from eldir.evolution.printed.search import MAX_SAMPLES, PrintedSearch
+from eldir_cad.kit.specification import load_specification
 from eldir_cad.packet.folder import write_packet
 from eldir_cad.shortlist.folder import write_shortlist
 from eldir_cad.shortlist.ranking import RankedDesign, Shortlist, rank
@@ -23,6 +24,7 @@ from eldir_calibration.comparison.motions import prepare_report
 from eldir_calibration.comparison.predictions import SAMPLES
 from eldir_calibration.report.comparison import MotionReport
 from eldir_calibration.report.page import ReportInput, write_report
+from eldir_hardware.markers.placement import placement_files
 from eldir_hardware.planning.plan import PlanConfig, plan
 from eldir_hardware.planning.workshop import make_workshop
 from eldir_hardware.rig.configuration import Rig
@@ -83,7 +85,8 @@ def run_demo(
         write_shortlist(shortlist, draft / "shortlist")
         choice.design.save(draft / "design.json")
         progress("packet for the workshop", 0.0)
-        write_packet(choice.design, draft / "packet")
+        sheets = placement_files(choice.design, 1e-3 * load_specification().scale)
+        write_packet(choice.design, draft / "packet", more_files=sheets)
         content = _drive_and_track(choice.design, draft, config, progress, on_frame)
         progress("report", 0.0)
         report = write_report(content, draft / "report")

@@ -52,7 +52,7 @@ MODULES = [
     "eldir_hardware.log.mcap_file", "eldir_hardware.log.messages", "eldir_hardware.log.recorder",
     "eldir_hardware.log.recover", "eldir_hardware.markers.registration", "eldir_hardware.markers.tracker",
     "eldir_hardware.markers.disc", "eldir_hardware.markers.discs", "eldir_hardware.markers.squares",
-    "eldir_hardware.markers.sheet", "eldir_hardware.vision.sources",
+    "eldir_hardware.markers.sheet", "eldir_hardware.markers.placement", "eldir_hardware.vision.sources",
     "eldir_hardware.vision.recording_setup", "eldir_hardware.vision.pipeline",
     "eldir_hardware.vision.tracking_quality", "eldir_hardware.vision.printed_ground",
     "eldir_hardware.vision.whole_body", "eldir_hardware.vision.virtual_camera",

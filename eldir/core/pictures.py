@@ -60,6 +60,17 @@ def svg(figure: Figure) -> bytes:
         return _written(figure, "svg", 150, {"Date": None})
 
 
+def pdf(figures: Iterable[Figure]) -> bytes:
+    """The figures as pages of a PDF without dates; the same figures give the same bytes."""
+    from matplotlib.backends.backend_pdf import PdfPages
+
+    buffer = io.BytesIO()
+    with PdfPages(buffer, metadata={"CreationDate": None}) as pages:
+        for figure in figures:
+            pages.savefig(figure)
+    return buffer.getvalue()
+
+
 def _written(figure: Figure, kind: str, dpi: int, metadata: dict[str, None]) -> bytes:
     buffer = io.BytesIO()
     figure.savefig(buffer, format=kind, dpi=dpi, metadata=metadata)

@@ -17,8 +17,8 @@ from rosbags.highlevel import AnyReader
 from eldir.design import Design, marked_masses
 from eldir_app.catalogue.comparison import compared_run
 from eldir_app.catalogue.runs import Index, find_runs
+from eldir_app.commands.packet import packet
 from eldir_app.demo import DemoResult, folder_size
-from eldir_cad.packet.folder import write_packet
 from eldir_hardware.planning.plan import PlanConfig, plan
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.virtual.rig import BodyFrame
@@ -32,6 +32,7 @@ CIRCLE = f"""
 import pickle
 from pathlib import Path
 from eldir.built import samples
+from eldir_app.commands.packet import packet
 from eldir_app.demo import DemoConfig, run_demo
 samples.CYCLES = 1
 truth = []
@@ -154,7 +155,7 @@ def test_the_packet_comes_out_the_same_again(
     circle: tuple[Path, DemoResult, list[BodyFrame]], tmp_path: Path
 ) -> None:
     out, _, _ = circle
-    write_packet(Design.load(out / "design.json"), tmp_path / "packet")
+    packet(out / "design.json", tmp_path / "packet")
     assert _bytes(tmp_path / "packet") == _bytes(out / "packet")
 
 

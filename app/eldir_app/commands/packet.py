@@ -24,9 +24,12 @@ def packet(
         str | None, typer.Option(help="Add a weight, such as 9g@front, 5g@rear or 4g@12 (a mass).")
     ] = None,
     in_series: InSeries = False,
+    marker: Annotated[
+        str, typer.Option(help="Kind of the markers on m1 to m5: discs, aruco, apriltag.")
+    ] = "discs",
     as_json: Annotated[bool, typer.Option("--json", help="Print the manifest as JSON.")] = False,
 ) -> None:
-    """Write the build packet of a design: parts, plates, lists, wiring, process sheet, assembly map.
+    """Write the build packet of a design: parts, plates, lists, wiring, process sheet, assembly map, markers.
 
     Example: eldir packet design.json --out packet --without-motor 0 --ballast 9g@front
     """
@@ -37,6 +40,8 @@ def packet(
     from eldir_cad.kit.printer import load_printer
     from eldir_cad.kit.specification import load_specification
     from eldir_cad.packet.folder import write_packet
+    from eldir_hardware.markers.placement import placement_files
+    from eldir_hardware.markers.registration import require_kind
 
     robot = Design.load(design)
     check_printer(printer)
@@ -44,11 +49,15 @@ def packet(
         mass = None if ballast is None else Ballast.parse(ballast, robot.morphology)
     except InputError as error:
         raise typer.BadParameter(str(error), param_hint="--ballast") from None
-    variant = Variant(without_motor, mass)
+    variant, specification = Variant(without_motor, mass), load_specification(parts)
+    require_kind(marker)
     console = Console(stderr=True)
     with console.status("computing parts and plates"):
-        specification = load_specification(parts)
-        written = write_packet(robot, out, specification, load_printer(printer), variant, in_series=in_series)
+        sheets = placement_files(robot, 1e-3 * specification.scale, marker)
+        printing = load_printer(printer)
+        written = write_packet(
+            robot, out, specification, printing, variant, in_series=in_series, more_files=sheets
+        )
     for violation in written.report.violations:
         console.print(f"{violation.severity}: {violation}", markup=False, highlight=False, soft_wrap=True)
     totals = written.manifest.totals

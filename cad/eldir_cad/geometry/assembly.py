@@ -75,8 +75,8 @@ def assemble(
     """All parts of both faces with their placements. `marks`: mass indices of m1, m2, ...; by default those
     of `marked_masses`.
 
-    `ballast`: a mass, and the holder that it gets on each face. `disc_faces`: the faces on which m1, m2, ... have
-    seats for discs; by default both, so that they weigh the same.
+    `ballast`: a mass, and the holder that it gets on each face. `disc_faces`: the faces on which m1, m2, ...
+    have seats for discs; by default both, so that they weigh the same.
     """
     centres = (morphology.positions - morphology.positions.min(axis=0)) * spec.scale
     directions = spring_directions(morphology)

@@ -1,26 +1,15 @@
-"""Layout of the PDF files: pages of text, tables and steps to sign, their footers, and the file."""
+"""Layout of the PDF files: pages of text, tables and steps to sign, and their footers."""
 
 from __future__ import annotations
 
-import io
 import textwrap
 from collections.abc import Sequence
 
-from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 _PAGE = (8.27, 11.69)  # A4 upright [inches]
 _LEFT, _TOP, _LINE, _WRAP = 0.08, 0.93, 0.0175, 92
-
-
-def to_pdf(figures: Sequence[Figure]) -> bytes:
-    """Pages as PDF without dates; the same figures give the same bytes."""
-    file = io.BytesIO()
-    with PdfPages(file, metadata={"CreationDate": None}) as pages:
-        for figure in figures:
-            pages.savefig(figure)
-    return file.getvalue()
 
 
 def add_footer(pages: Sequence[Figure], text: str) -> list[Figure]:

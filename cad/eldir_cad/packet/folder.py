@@ -6,7 +6,7 @@ Written completely or not at all. The same design, specification and printer giv
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -15,7 +15,7 @@ import numpy as np
 from eldir.controller import Controller
 from eldir.core.arguments import require_value
 from eldir.core.files import new_folder, write_bytes, write_text
-from eldir.core.pictures import png
+from eldir.core.pictures import pdf, png
 from eldir.core.version import __version__
 from eldir.design import Design, Variant
 from eldir.genotype import Genotype
@@ -29,7 +29,7 @@ from eldir_cad.kit.printer import Printer, fit_to_printer, load_printer
 from eldir_cad.kit.specification import Specification, load_specification
 from eldir_cad.packet import _drawing
 from eldir_cad.packet._kit import draw_kit
-from eldir_cad.packet._layout import add_footer, to_pdf
+from eldir_cad.packet._layout import add_footer
 from eldir_cad.packet._pages import draw_findings, draw_ground, draw_order_of_work, draw_traveller
 from eldir_cad.packet._tables import bill_of_materials, lead_lengths, wiring_table
 from eldir_cad.packet.manifest import Content, Manifest, make_content
@@ -53,10 +53,12 @@ def write_packet(
     variant: Variant | None = None,
     *,
     in_series: bool = False,
+    more_files: Mapping[str, bytes] | None = None,
 ) -> Packet:
     """Check the design, make its parts and write the folder `out`, which must not exist yet.
 
-    `in_series`: both springs of a motor are wired in series on one relay channel.
+    `in_series`: both springs of a motor are wired in series on one relay channel. `more_files`: further files,
+    by name, such as those of `eldir_hardware.markers.placement`.
 
     Raises `InputError` for a design that cannot be built, `EldirError` where a part cannot be printed,
     parts do not fit together, or `out` cannot be written.
@@ -71,6 +73,8 @@ def write_packet(
         content = make_content(built, report, spec, printer, variant)
         connections = wiring(built.morphology.motors, in_series=in_series)
         _write_files(folder, content, connections, leads)
+        for name, data in (more_files or {}).items():
+            write_bytes(folder / name, data)
         manifest = Manifest.of(folder, content, connections)
         manifest.save(folder / "manifest.json")
     return Packet(out, report, manifest)
@@ -101,11 +105,11 @@ def _write_files(folder: Path, c: Content, connections: Wiring, leads: Sequence[
     pages = [plan, *draw_order_of_work(c, connections), draw_findings(body, c.report)]
     if c.ground is not None:
         pages.append(draw_ground(c, c.ground))
-    write_bytes(folder / "assembly.pdf", to_pdf(add_footer(pages, footer)))
-    write_bytes(folder / "kit.pdf", to_pdf(add_footer(draw_kit(c, connections, lead_mm), footer)))
+    write_bytes(folder / "assembly.pdf", pdf(add_footer(pages, footer)))
+    write_bytes(folder / "kit.pdf", pdf(add_footer(draw_kit(c, connections, lead_mm), footer)))
     write_bytes(folder / "preview.png", png(_drawing.draw_robot(c.assembly, c.spec)))
     write_bytes(folder / "preview.glb", _drawing.robot_glb(c.assembly, c.spec))
-    write_bytes(folder / "traveller.pdf", to_pdf(add_footer(draw_traveller(c), footer)))
+    write_bytes(folder / "traveller.pdf", pdf(add_footer(draw_traveller(c), footer)))
 
 
 def _footer(folder: Path, c: Content) -> str:

@@ -79,10 +79,11 @@ def test_manifest_names_every_file_and_fits_its_schema(packet, manifest):
         "traveller.pdf",
         "assembly.pdf",
         "kit.pdf",
+        "markers.pdf",
         "preview.png",
         "preview.glb",
     }
-    assert {n for n in files if "/" not in n} == loose | {"design.json"}
+    assert {n for n in files if "/" not in n} == loose | {"design.json", "tags.json"}
     assert {n.split("/")[0] + "/*" + Path(n).suffix for n in files if "/" in n} == {
         "plates/*.3mf", "plates/*.stl", "parts/*.stl"
     }  # fmt: skip
@@ -147,9 +148,8 @@ def test_identical_input_gives_identical_bytes(packet, tmp_path):
     """In another process, with other hash seeds."""
     ROBOT.save(tmp_path / "design.json")
     code = (
-        "import sys; from pathlib import Path; from eldir_cad.packet.folder import write_packet;"
-        "from eldir.design import Design;"
-        "write_packet(Design.load(sys.argv[1]), Path(sys.argv[2]))"
+        "import sys; from pathlib import Path; from eldir_app.commands.packet import packet;"
+        "packet(Path(sys.argv[1]), Path(sys.argv[2]))"
     )
     again = tmp_path / "again"
     subprocess.run([sys.executable, "-c", code, tmp_path / "design.json", again], check=True, timeout=120)

@@ -29,7 +29,7 @@ def control(tmp_path_factory):
     robot = replace(ROBOT, provenance={"generation": 3, "id": 24})
     variant = Variant(0, Ballast.parse("9g@front", ROBOT.morphology))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("eldir_cad.packet.folder.to_pdf", lambda figures: pages.extend(figures) or b"")
+        patch.setattr("eldir_cad.packet.folder.pdf", lambda figures: pages.extend(figures) or b"")
         return path, write_packet(robot, path, variant=variant), pages
 
 
