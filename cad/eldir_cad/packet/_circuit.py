@@ -14,7 +14,6 @@ from scipy.optimize import brentq
 from eldir.parameters.bench import RESISTANCE_TOLERANCE
 from eldir.parameters.springs import SpringParameters, forced_convection
 from eldir.parameters.tolerances import RigTolerances
-from eldir.parameters.wiring import FACES, Connection, Face
 
 FUSES = (1, 1.25, 1.6, 2, 2.5, 3.15, 4, 5, 6.3, 8, 10, 12.5, 16, 20, 25, 32)
 """Rated currents of fuse-links, series R10 [A]."""
@@ -28,11 +27,6 @@ _FILLING = 2 / 3  # of a ferrule's bore by both wires; then crimping closes it
 STRAND_RESISTIVITY = 0.0195
 """Of stranded copper at 20 C [Ohm mm2/m]: 39 Ohm/km for 0.5 mm2 (IEC 60228, class 5)."""
 _MAX_AIR_SPEED = 50.0  # [m/s]
-
-
-def heated_faces(connection: Connection) -> tuple[Face, ...]:
-    """The faces whose coils a channel heats, one after the other in its circuit."""
-    return (connection.face,) if connection.face in FACES else FACES
 
 
 @dataclass(frozen=True)

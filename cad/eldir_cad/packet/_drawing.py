@@ -11,7 +11,7 @@ import trimesh
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
-from matplotlib.patches import RegularPolygon
+from matplotlib.patches import Circle, RegularPolygon
 from trimesh.exchange.gltf import export_glb
 from trimesh.visual.material import PBRMaterial
 from trimesh.visual.texture import TextureVisuals
@@ -21,10 +21,16 @@ from eldir.core.records import FloatArray
 from eldir.parameters.wiring import FACES, Face, Wiring, wiring_digest
 from eldir_cad.geometry.assembly import Assembly
 from eldir_cad.kit.specification import Specification
+from eldir_cad.packet._layout import Sign, cover_page, draw_legend
 
 ColouredMesh = tuple[trimesh.Trimesh, str]
 _RESIN, CONNECTOR = "#9db7c9", "#d9c48f"
 _COIL_PIECES = 12
+_MARGINS = np.array([44.0, 60.0])  # around the masses of a face on the map [mm]
+_PAGE_RATIO = 1.95  # width to height, below which two faces are larger side by side than one above the other
+_SMALL = 0.026  # size of a mass in the legend
+_STRIP_LINE: dict[str, Any] = {"colors": "#888888", "linewidths": 1.2}
+_MOTOR_LINE: dict[str, Any] = {"colors": MOTOR, "linewidths": 4}
 _LIGHT = np.array([0.35, 0.55, 0.75]) / np.linalg.norm([0.35, 0.55, 0.75])
 _MM = 1e-3  # [m]
 
@@ -55,18 +61,13 @@ def draw_assembly_map(assembly: Assembly, connections: Wiring, ballast: int | No
     figure.text(0.03, 0.965, "Assembly map", fontsize=14, weight="bold", va="top")
     digest = f"wiring {wiring_digest(connections)[:8]}"  # manifest.json has all digits
     figure.text(0.97, 0.965, digest, fontsize=8, va="top", ha="right")
-    for row, face in enumerate(FACES):
-        axes = figure.add_axes((0.03, 0.49 - 0.43 * row, 0.94, 0.40))
+    wide, high = np.ptp(assembly.centres, axis=0) + _MARGINS
+    beside = wide / high < _PAGE_RATIO  # the faces are then larger side by side
+    for i, face in enumerate(FACES):
+        place = (0.02 + 0.49 * i, 0.15, 0.47, 0.72) if beside else (0.03, 0.53 - 0.38 * i, 0.94, 0.34)
         channels = {c.spring: c.channel for c in connections if face in c.faces}
-        _draw_face(axes, assembly, face, channels, ballast)
-    legend = (
-        ("filled hexagon", "connector to the other face", "#8a6d1d"),
-        ("open hexagon", "six springs, so a cap", "black"),
-        ("thick line", "motor, number / relay channel", MOTOR),
-        ("ring", "seat of a tracking disc", MARK),
-    )
-    for i, (sign, meaning, colour) in enumerate(legend):
-        figure.text(0.05 + 0.24 * i, 0.035, f"{sign}: {meaning}", fontsize=8, color=colour, va="top")
+        _draw_face(figure.add_axes(place), assembly, face, channels, ballast)
+    draw_legend(cover_page(figure, 0.14), _LEGEND, 2.6, columns=3)
     return figure
 
 
@@ -80,34 +81,63 @@ def _draw_face(
     body = assembly.morphology
     centres = assembly.centres * ([1, 1] if face == "front" else [-1, 1])
     lines = centres[body.springs]
-    axes.add_collection(LineCollection(list(lines[~body.active]), colors="#888888", linewidths=1.2))
-    axes.add_collection(LineCollection(list(lines[body.active]), colors=MOTOR, linewidths=4))
-    for motor, line in enumerate(lines[body.active]):
-        label = f"S{motor} / {channels[motor]}"
-        x, y = line.mean(axis=0)
-        frame = {"fc": "white", "ec": MOTOR, "pad": 1.5, "lw": 0.6}
-        style: dict[str, Any] = {"fontsize": 8, "weight": "bold", "color": MOTOR, "ha": "center"}
-        axes.text(x, y, label, bbox=frame, zorder=4, va="center", **style)
+    axes.add_collection(LineCollection(list(lines[~body.active]), **_STRIP_LINE))
+    axes.add_collection(LineCollection(list(lines[body.active]), **_MOTOR_LINE))
+    for motor, (x, y) in enumerate(lines[body.active].mean(axis=1)):
+        _label_motor(axes, x, y, f"S{motor} / {channels[motor]}")
     degree = np.bincount(body.springs.ravel(), minlength=len(centres))
-    marker_names = {int(m): f"m{i + 1}" for i, m in enumerate(assembly.marks)}
+    marks = {int(m): f"m{i + 1}" for i, m in enumerate(assembly.marks)} if face == "front" else {}
     for i, (x, y) in enumerate(centres):
-        colour = CONNECTOR if degree[i] < 6 else "white"
-        axes.add_patch(RegularPolygon((x, y), 6, radius=9.5, fc=colour, ec="black", lw=0.8, zorder=3))
-        axes.text(x, y, str(i), fontsize=7.5, ha="center", va="center", zorder=4)
+        _draw_mass(axes, x, y, CONNECTOR if degree[i] < 6 else "white", str(i))
         if i == ballast:
             axes.text(x, y - 19, "ballast", fontsize=8, weight="bold", ha="center", zorder=4)
-        if i in marker_names:
-            axes.add_patch(RegularPolygon((x, y), 40, radius=13, fill=False, ec=MARK, lw=2, zorder=3))
-            axes.text(
-                x, y + 15, marker_names[i], fontsize=8, weight="bold", color=MARK, ha="center", zorder=4
-            )
+        if i in marks:
+            _draw_seat(axes, x, y)
+            axes.text(x, y + 15, marks[i], fontsize=8, weight="bold", color=MARK, ha="center", zorder=4)
     axes.set_aspect("equal")
-    axes.set_xlim(centres[:, 0].min() - 30, centres[:, 0].max() + 30)
-    axes.set_ylim(centres[:, 1].min() - 20, centres[:, 1].max() + 32)
+    axes.set_xlim(centres[:, 0].min() - _MARGINS[0] / 2, centres[:, 0].max() + _MARGINS[0] / 2)
+    axes.set_ylim(centres[:, 1].min() - 24, centres[:, 1].max() + _MARGINS[1] - 24)
     axes.axis("off")
     direction = "travel to the right" if face == "front" else "travel to the left"
     under = ("one line", "two lines")[FACES.index(face)]
     axes.set_title(f"{face} face, seen from outside ({direction}); {under} under the numbers", fontsize=9)
+
+
+def _label_motor(axes: Axes, x: float, y: float, text: str) -> None:
+    frame = {"fc": "white", "ec": MOTOR, "pad": 1.5, "lw": 0.6}
+    style: dict[str, Any] = {"fontsize": 8, "weight": "bold", "color": MOTOR, "ha": "center", "va": "center"}
+    axes.text(x, y, text, bbox=frame, zorder=4, **style)
+
+
+def _draw_mass(axes: Axes, x: float, y: float, colour: str, number: str, size: float = 1.0) -> None:
+    axes.add_patch(RegularPolygon((x, y), 6, radius=9.5 * size, fc=colour, ec="black", lw=0.8, zorder=3))
+    axes.text(x, y, number, fontsize=7.5, ha="center", va="center", zorder=4)
+
+
+def _draw_seat(axes: Axes, x: float, y: float, size: float = 1.0) -> None:
+    axes.add_patch(Circle((x, y), radius=13 * size, fill=False, ec=MARK, lw=2, zorder=3))
+
+
+_LEGEND: tuple[tuple[Sign, str], ...] = (
+    (
+        lambda axes, x, y: _draw_mass(axes, x, y, CONNECTOR, "3", _SMALL),
+        "mass 3, with a connector to the other face",
+    ),
+    (
+        lambda axes, x, y: _draw_mass(axes, x, y, "white", "3", _SMALL),
+        "mass 3, with six springs, so with a cap",
+    ),
+    (lambda axes, x, y: _draw_seat(axes, x, y, _SMALL), "m1 to m5: seat of a disc, front face alone"),
+    (
+        lambda axes, x, y: axes.add_collection(LineCollection([[(x - 0.7, y), (x + 0.7, y)]], **_STRIP_LINE)),
+        "passive spring",
+    ),
+    (
+        lambda axes, x, y: axes.add_collection(LineCollection([[(x - 0.7, y), (x + 0.7, y)]], **_MOTOR_LINE)),
+        "motor: shape-memory spring on two spring ends",
+    ),
+    (lambda axes, x, y: _label_motor(axes, x, y, "S0 / 1"), "number of the motor / its relay channel"),
+)
 
 
 def _coils(assembly: Assembly, spec: Specification) -> list[trimesh.Trimesh]:

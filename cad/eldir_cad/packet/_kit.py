@@ -13,7 +13,7 @@ from eldir.parameters.springs import SpringParameters, max_still_air_temperature
 from eldir.parameters.tolerances import RigTolerances
 from eldir.parameters.wiring import Wiring
 from eldir_cad.checks.strip_law import spring_parameters
-from eldir_cad.packet._circuit import CURRENT_DENSITY, Circuit, heated_faces
+from eldir_cad.packet._circuit import CURRENT_DENSITY, Circuit
 from eldir_cad.packet._layout import Page
 from eldir_cad.packet._wiring_diagram import draw_wiring
 from eldir_cad.packet.manifest import Content
@@ -213,13 +213,15 @@ def _draw_joint(figure: Figure, top: float, springs: SpringParameters, hole: flo
 
 
 def _draw_bench_work(circuit: Circuit) -> Figure:
-    limit = circuit.current_limit
+    limit, alike = circuit.current_limit, ""
+    if circuit.coils == 1:
+        spread = f"{_MAX_DIFFERENCE * limit:.2f} A ({_MAX_DIFFERENCE:.0%})"
+        alike = f". The outputs of a motor's two coils may differ by {spread}"
     steps = [
         "Mount supply, main switch, interlock, fuses, relay board, timers and terminals as in the wiring "
         "diagram. Connect nothing to the terminals X",
         f"Set every output to {circuit.springs.supply_voltage:g} V without load. Short it through the "
-        f"meter's range of 10 A and set its limit to {limit:g} A. The outputs of a motor's two coils may "
-        f"differ by {_MAX_DIFFERENCE * limit:.2f} A ({_MAX_DIFFERENCE:.0%})",
+        f"meter's range of 10 A and set its limit to {limit:g} A{alike}",
         "Interlock: stop each fan, one after the other: every output must fall to 0 V. Main switch: the same",
         "Timer, each channel: connect the test resistor to its terminals X, and bridge its relay contact "
         f"with a wire for 10 s. {limit:g} A must flow. The timer must open after {MAX_ON_S:g} to {TIMER_S:g} "
@@ -262,7 +264,7 @@ def _draw_measurements(connections: Wiring, own: Sequence[Circuit], lead_mm: int
     page.heading("Record")
     rows = [("channel", "coil", "coil [mV]", "joints [mV]", "channel [mV]", "timer [s]", "limit [A]")]
     for connection in connections:
-        for face in heated_faces(connection):
+        for face in connection.faces:
             blank = "_" * 11
             name = f"S{connection.spring} {face}"
             rows.append((str(connection.channel), name, blank, blank, blank, blank, blank))

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import io
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.image import imread
 from matplotlib.patches import Rectangle
 
 _PAGE = (8.27, 11.69)  # A4 upright [inches]
-_LEFT, _TOP, _LINE, _WRAP = 0.08, 0.93, 0.0175, 92
+_WIDE, _HIGH = 29.7, 21.0  # A4 on its side [cm]
+_LEFT, _TOP, _BOTTOM, _LINE, _WRAP = 0.08, 0.93, 0.03, 0.0175, 92
 
 
 def add_footer(pages: Sequence[Figure], text: str) -> list[Figure]:
@@ -17,6 +21,30 @@ def add_footer(pages: Sequence[Figure], text: str) -> list[Figure]:
     for i, page in enumerate(pages, start=1):
         page.text(_LEFT, 0.006, f"{text}   page {i} of {len(pages)}", fontsize=6.5, color="#444444")
     return list(pages)
+
+
+Sign = Callable[[Axes, float, float], object]
+"""Draws a sign of a drawing at a place [cm]."""
+
+
+def draw_legend(axes: Axes, entries: Sequence[tuple[Sign, str]], top: float, columns: int = 2) -> None:
+    """A legend with the signs themselves, on axes in centimetres that are as wide as the page. `top`: height
+    of its first row."""
+    rows = -(-len(entries) // columns)
+    for i, (draw, meaning) in enumerate(entries):
+        column, row = divmod(i, rows)
+        x, y = 1.6 + (_WIDE - 0.6) / columns * column, top - 0.65 * row
+        draw(axes, x, y)
+        axes.text(x + 1.1, y, meaning, fontsize=8, va="center")
+
+
+def cover_page(figure: Figure, height: float = 1.0) -> Axes:
+    """Axes in centimetres over the lower part of a page on its side, of this height."""
+    axes = figure.add_axes((0, 0, 1, height))
+    axes.set_xlim(0, _WIDE)
+    axes.set_ylim(0, height * _HIGH)
+    axes.axis("off")
+    return axes
 
 
 class Page:
@@ -67,6 +95,14 @@ class Page:
         """Leave room for a drawing of this height; its upper edge. Both are parts of the page's height."""
         self._y -= height
         return self._y + height
+
+    def picture(self, png: bytes, caption: str) -> None:
+        """A picture over the rest of the page, as large as it fits, with its caption."""
+        self.figure.text(_LEFT, self._y - _LINE, caption, fontsize=9, va="top")
+        height = self._y - 2.5 * _LINE - _BOTTOM
+        axes = self.figure.add_axes((_LEFT, _BOTTOM, 1 - 2 * _LEFT, height))
+        axes.imshow(imread(io.BytesIO(png)), interpolation="none")
+        axes.axis("off")
 
     def _write(self, text: str, width: int) -> None:
         lines = textwrap.wrap(text, width, subsequent_indent="   ")

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -21,12 +22,17 @@ from eldir_cad.checks.violations import BuildReport
 from eldir_cad.geometry.ground import Ground
 from eldir_cad.packet._drawing import CONNECTOR
 from eldir_cad.packet._kit import describe_current
-from eldir_cad.packet._layout import Page
+from eldir_cad.packet._layout import Page, Sign, cover_page, draw_legend
 from eldir_cad.packet.manifest import Content
 
 _MAX_MOTIONS = 4  # that are drawn of a kind
 _ARROW = 0.03  # length of the longest arrow [m]
 _MAX_NOTES = 12
+_MASS: dict[str, Any] = {"color": "#444444", "markersize": 4, "zorder": 3}
+_NAMED_MASS: dict[str, Any] = {"color": "black", "markersize": 8, "zorder": 4}
+_HINGE: dict[str, Any] = {"mfc": "none", "mec": MARK, "mew": 2, "markersize": 13, "zorder": 5}
+_FOOT: dict[str, Any] = {"color": "black", "markersize": 6}
+_CENTRE: dict[str, Any] = {"color": CONNECTOR, "mec": "black", "markersize": 11, "zorder": 6}
 
 
 def draw_findings(morphology: Morphology, report: BuildReport) -> Figure:
@@ -43,11 +49,11 @@ def draw_findings(morphology: Morphology, report: BuildReport) -> Figure:
         (f"folds without its motors ({i + 1} of {len(driven)})", u)
         for i, u in enumerate(driven[:_MAX_MOTIONS])
     ]
-    columns = 2 if len(panels) <= 4 else 3
+    columns = len(panels) if len(panels) <= 3 else 2 if len(panels) == 4 else 3
     rows = -(-len(panels) // columns)
     figure = Figure(figsize=(11.7, 8.3))
     figure.text(0.03, 0.965, "Findings of the build filter", fontsize=14, weight="bold", va="top")
-    grid = figure.add_gridspec(rows, columns, left=0.02, right=0.98, bottom=0.1, top=0.88, hspace=0.25)
+    grid = figure.add_gridspec(rows, columns, left=0.02, right=0.98, bottom=0.2, top=0.88, hspace=0.25)
     for i, (title, motion) in enumerate(panels):
         axes = figure.add_subplot(grid[i // columns, i % columns])
         _draw_body(axes, morphology, _faulty_parts(report))
@@ -61,14 +67,32 @@ def draw_findings(morphology: Morphology, report: BuildReport) -> Figure:
                 width=0.006, zorder=5, clip_on=False,
             )  # fmt: skip
         axes.set_title(title, fontsize=9)
-    figure.text(
-        0.03,
-        0.045,
-        "ring: hinge; triangle: foot; cross: centre of mass; thick line: motor; dashed: faulty part. "
-        "Arrows: a motion in which no spring changes its length, to first order.",
-        fontsize=8,
-    )
+    draw_legend(cover_page(figure, 0.17), _LEGEND, 3.2, columns=3)
     return figure
+
+
+_LEGEND: tuple[tuple[Sign, str], ...] = (
+    (lambda axes, x, y: axes.plot(x, y, "o", **_MASS), "mass, with its number"),
+    (lambda axes, x, y: axes.plot(x, y, "X", **_NAMED_MASS), "mass that a finding of the traveller names"),
+    (lambda axes, x, y: axes.plot(x, y, "o", **_HINGE), "hinge: parts of the body share only this mass"),
+    (lambda axes, x, y: axes.plot(x, y, "^", **_FOOT), "foot"),
+    (lambda axes, x, y: axes.plot([x - 0.7, x + 0.7], [y, y], color="#888888", lw=1.2), "passive spring"),
+    (lambda axes, x, y: axes.plot([x - 0.7, x + 0.7], [y, y], color=MOTOR, lw=3.5), "motor"),
+    (
+        lambda axes, x, y: axes.plot([x - 0.7, x + 0.7], [y, y], "--", color="black", lw=2),
+        "spring that a finding names",
+    ),
+    (lambda axes, x, y: axes.plot(x, y, "P", **_CENTRE), "centre of mass, dotted down to the table"),
+    (
+        lambda axes, x, y: axes.annotate(
+            "",
+            (x + 0.7, y),
+            (x - 0.7, y),
+            arrowprops={"fc": MARK, "ec": MARK, "width": 1, "headwidth": 5, "headlength": 6},
+        ),
+        "motion that changes no spring's length, at first",
+    ),
+)
 
 
 def _mostly_at_rest(at: FloatArray, springs: IntArray, motion: FloatArray) -> FloatArray:
@@ -97,8 +121,8 @@ def _draw_body(axes: Axes, morphology: Morphology, faulty: set[str]) -> None:
     )
     is_sound = np.array([f"mass {i}" not in faulty for i in range(len(morphology.positions))])
     x, y = morphology.positions.T
-    axes.plot(x[is_sound], y[is_sound], "o", color="#444444", markersize=4, zorder=3)
-    axes.plot(x[~is_sound], y[~is_sound], "X", color="black", markersize=8, zorder=4)
+    axes.plot(x[is_sound], y[is_sound], "o", **_MASS)
+    axes.plot(x[~is_sound], y[~is_sound], "X", **_NAMED_MASS)
     axes.set_aspect("equal")
     axes.margins(0.12)
     axes.axis("off")
@@ -108,13 +132,13 @@ def _draw_symbols(axes: Axes, morphology: Morphology) -> None:
     x, y = morphology.positions.T
     robot = build(morphology)
     rings = [h.mass for h in find_hinges(morphology)]
-    axes.plot(x[rings], y[rings], "o", mfc="none", mec=MARK, mew=2, markersize=13, zorder=5)
+    axes.plot(x[rings], y[rings], "o", **_HINGE)
     for i, (px, py) in enumerate(morphology.positions):
         axes.annotate(str(i), (px, py), (4, 4), textcoords="offset points", fontsize=6)
     ground = feet(robot)
-    axes.plot(x[ground], y[ground] - 0.012, "^", color="black", markersize=6)
+    axes.plot(x[ground], y[ground] - 0.012, "^", **_FOOT)
     centre = robot.masses @ morphology.positions / robot.masses.sum()
-    axes.plot(*centre, "P", color=CONNECTOR, mec="black", markersize=11, zorder=6)
+    axes.plot(*centre, "P", **_CENTRE)
     axes.plot([centre[0]] * 2, [centre[1], y.min() - 0.012], ":", color="black", linewidth=0.8)
 
 
@@ -181,6 +205,7 @@ def draw_traveller(c: Content) -> list[Figure]:
     printer, wash = c.printer, c.printer.wash
     steps = [
         "Once for this printer: print the fit coupon (eldir coupon) and set `allowance` in its profile",
+        "Open each plate (plates/*.3mf) in the slicer. " + _describe_slicing(c),
         *(
             f"Print {plate.name}: {len(plate.items)} parts, {plate.height:.1f} mm high, "
             f"layers of {printer.layer:g} mm, {printer.material.name}"
@@ -189,7 +214,7 @@ def draw_traveller(c: Content) -> list[Figure]:
         f"Wash on the build plate: {wash.on_plate_min:g} min in {wash.solvent}",
         f"Take the parts off the plate; wash {wash.off_plate_min:g} min in {wash.rinse}",
         "Dry until no solvent is left in the sockets",
-        "Clip supports: " + (_describe_supports(c) or "there are none"),
+        "Clip the supports off",
         f"Post-cure {printer.cure_min:g} min",
         "Put one passive spring into one mass by hand. It must rotate a little to either side. If not, "
         "correct `allowance` and write the packet again",
@@ -212,20 +237,22 @@ def draw_traveller(c: Content) -> list[Figure]:
     return [page.figure]
 
 
-def draw_order_of_work(c: Content, connections: Wiring) -> list[Figure]:
-    """From parts to a wired robot, beside the assembly map."""
+def draw_order_of_work(c: Content, connections: Wiring, picture: bytes) -> list[Figure]:
+    """From parts to a wired robot, beside the assembly map. `picture`: the assembled robot, as PNG."""
     discs = ", ".join(f"m{i + 1} on mass {mass}" for i, mass in enumerate(c.assembly.marks))
     steps = [
-        "Lay out the front masses (one line under the number), floors down and sockets up, as in the lower "
-        "drawing of the assembly map",
+        "Lay out the front masses (one line under the number), floors down and sockets up. You look at them "
+        "from inside, so they lie as in the drawing of the back face",
         "Press every passive spring into its two sockets, from above, until it sits on the floor",
         f"Push each coil over two spring ends, {c.spec.fitting.stud_length:g} mm deep; lead its wire out "
-        "through the guide; press the ends into the sockets of the motors' masses",
+        "through the guide; press the ends into the sockets of the motors' masses. Without load it has "
+        f"{c.spec.motor_range[0]:g} mm from mass to mass, so here, at {c.spec.pitch:g} mm, it is stretched",
         "Press a cap on every mass with six springs, a connector on every other mass",
-        "Build the back plane in the same way (two lines under the number; upper drawing of the map). Press "
+        "Build the back plane in the same way (two lines under the number; drawing of the front face). Press "
         "it on the connectors; glue the pegs with a drop of resin and cure it",
-        f"Stick the discs into their seats on the front face: {discs}",
-        "Measure the resistance of every coil; write it into wiring.csv and into the rig file",
+        f"Cut the markers out of markers.pdf (or eldir markers); stick them on the front face: {discs}",
+        "Measure the resistance of every coil as kit.pdf says; write it into wiring.csv and into the rig "
+        "file",
     ]
     if is_in_series(connections):
         steps.append(
@@ -233,8 +260,9 @@ def draw_order_of_work(c: Content, connections: Wiring) -> list[Figure]:
             "with that of the back coil at the same end"
         )
     steps.append(
-        "Wire each coil to its relay channel by wiring.csv of this packet, whose digest is on the assembly "
-        "map; lead the wires outwards and up, at least as long as listed"
+        "Join leads and coils as kit.pdf says. Wire each coil to its relay channel by wiring.csv of this "
+        "packet, whose digest is on the assembly map; lead the wires outwards and up, at least as long as "
+        "listed"
     )
     if c.ground is not None:
         steps.append(
@@ -248,7 +276,14 @@ def draw_order_of_work(c: Content, connections: Wiring) -> list[Figure]:
         )
     page = Page("Order of work")
     page.table([f"{i}. {step}" for i, step in enumerate(steps, start=1)])
+    page.picture(picture, "Front face. Blue: masses of m1 to m5; yellow: connectors; orange: coils.")
     return [page.figure]
+
+
+def _describe_slicing(c: Content) -> str:
+    if not (places := _describe_supports(c)):
+        return "No part needs supports"
+    return f"The plates have no supports: let the slicer add them, {places}"
 
 
 def _describe_supports(c: Content) -> str:

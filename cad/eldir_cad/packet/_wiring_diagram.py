@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -12,10 +10,10 @@ from matplotlib.patches import Circle, Rectangle
 from eldir.core.pictures import MARK, MOTOR
 from eldir.parameters.bench import TIMER_S
 from eldir.parameters.wiring import Connection, Wiring, wiring_digest
-from eldir_cad.packet._circuit import Circuit, heated_faces
+from eldir_cad.packet._circuit import Circuit
+from eldir_cad.packet._layout import Sign, cover_page, draw_legend
 
-_ROWS = 6  # on a page
-_WIDTH, _HEIGHT = 29.7, 21.0  # of the page; all places are in centimetres
+_ROWS = 6  # on a page; all places are in centimetres
 _SUPPLY, _FUSE, _RELAY, _NODE, _TIMER, _TERMINAL, _COIL, _END = 5.6, 8.2, 11.2, 13.7, 16.6, 19.2, 20.9, 28.6
 _TOP, _BOTTOM = 18.2, 4.6
 _RETURN = 0.75  # of a row's return line, below the row
@@ -34,17 +32,14 @@ def _draw_page(rows: Wiring, connections: Wiring, circuits: dict[int, Circuit]) 
     figure.text(0.03, 0.965, "Wiring diagram", fontsize=14, weight="bold", va="top")
     digest = f"wiring {wiring_digest(connections)[:8]}"
     figure.text(0.97, 0.965, digest, fontsize=8, va="top", ha="right")
-    axes = figure.add_axes((0, 0, 1, 1))
-    axes.set_xlim(0, _WIDTH)
-    axes.set_ylim(0, _HEIGHT)
-    axes.axis("off")
+    axes = cover_page(figure)
     pitch = min(3.4, (_TOP - _BOTTOM) / len(rows))
     heights = [_TOP - 0.8 - pitch * i for i in range(len(rows))]
     _draw_source(axes, heights, circuits[rows[0].channel])
     for y, connection in zip(heights, rows, strict=True):
         _draw_channel(axes, y, connection, circuits[connection.channel])
     _draw_board(axes, heights, rows)
-    _draw_legend(axes)
+    draw_legend(axes, _LEGEND, 3.3)
     return figure
 
 
@@ -68,7 +63,7 @@ def _draw_source(axes: Axes, heights: list[float], circuit: Circuit) -> None:
     low = y - 1.9
     axes.add_patch(Rectangle((1.75, low - 0.5), 1.6, 1.0, fc="white", ec="black", lw=1.0))
     _write(axes, 2.55, low, "fan", 8)
-    axes.plot([2.55, 2.55], [low + 0.5, y - 0.6], color="black", lw=0.8, ls=(0, (3, 2)))
+    _link(axes, (2.55, 2.55), (low + 0.5, y - 0.6))
     _write(axes, 1.75, low - 0.85, "K0 is closed only\nwhile the fan turns", 6.5)
 
 
@@ -89,21 +84,19 @@ def _draw_channel(axes: Axes, y: float, connection: Connection, circuit: Circuit
     middle = y - _RETURN / 2
     axes.plot([_NODE, _NODE], [y, middle + 0.18], color="black", lw=0.8)
     axes.plot([_NODE, _NODE + 0.8, _NODE + 0.8], [middle - 0.18, middle - 0.18, below], color="black", lw=0.8)
-    axes.add_patch(
-        Rectangle((_NODE - 0.35, middle - 0.18), 1.5, 0.36, fc="white", ec="black", lw=0.8, zorder=4)
-    )
+    _box(axes, _NODE - 0.35, middle - 0.18, 1.5, 0.36)
     _write(axes, _NODE + 0.4, middle, f"T{n}", 6.5, zorder=5)
     _contact(axes, _TIMER, y, opens=True)
     _write(axes, _TIMER, y + 0.5, f"T{n}  {TIMER_S:g} s", 7)
     for at in (y, below):
-        axes.plot(_TERMINAL, at, "s", mfc="white", mec="black", ms=6, zorder=4)
+        _terminal(axes, _TERMINAL, at)
     _write(axes, _TERMINAL, y + 0.42, f"X{n}", 7)
-    faces = heated_faces(connection)
+    faces = connection.faces
     for i, face in enumerate(faces):
         left = _COIL + i * (_COIL_WIDTH + 1.2)
         _coil(axes, left, y)
         for end in (left, left + _COIL_WIDTH):
-            axes.plot(end, y, "D", color=MARK, ms=4, zorder=5)
+            _crimp(axes, end, y)
         label = f"S{connection.spring} {face}"
         _write(axes, left + _COIL_WIDTH / 2, y + 0.5, label, 8, weight="bold", color=MOTOR)
     series = " in series" if len(faces) > 1 else ""
@@ -117,47 +110,25 @@ def _draw_board(axes: Axes, heights: list[float], rows: Wiring) -> None:
     axes.add_patch(Rectangle((_RELAY - 1.7, y - 0.5), 3.4, 0.8, fc="#f2f2f2", ec="black", lw=1.0))
     names = f"K{rows[0].channel}" + (f" to K{rows[-1].channel}" if len(rows) > 1 else "")
     _write(axes, _RELAY, y - 0.1, f"relay board, {names}", 7)
-    axes.plot([_RELAY + 1.7, _RELAY + 2.7], [y - 0.1] * 2, color="black", lw=0.8, ls=(0, (3, 2)))
+    _link(axes, (_RELAY + 1.7, _RELAY + 2.7), (y - 0.1, y - 0.1))
     _write(axes, _RELAY + 2.8, y - 0.1, "USB to the computer", 7, ha="left")
-    axes.plot([_RELAY, _RELAY], [y + 0.3, heights[-1] - 0.5], color="black", lw=0.8, ls=(0, (3, 2)))
+    _link(axes, (_RELAY, _RELAY), (y + 0.3, heights[-1] - 0.5))
 
 
-def _draw_legend(axes: Axes) -> None:
-    entries: tuple[tuple[Callable[[float, float], object], str], ...] = (
-        (lambda x, y: _fuse(axes, x, y), "F: fuse, quick-acting"),
-        (lambda x, y: _contact(axes, x, y), "S1: main switch within reach; K: contact that is open at rest"),
-        (
-            lambda x, y: _contact(axes, x, y, opens=True),
-            "T: contact of the timer relay, closed at rest; opens when its time is up",
-        ),
-        (
-            lambda x, y: (
-                axes.add_patch(Rectangle((x - 0.6, y - 0.18), 1.2, 0.36, fc="white", ec="black", lw=0.8))
-                and None
-            ),
-            "T: control input of the timer relay, which has a supply of its own",
-        ),
-        (
-            lambda x, y: axes.plot(x, y, "s", mfc="white", mec="black", ms=6),
-            "X: terminal over the robot",
-        ),
-        (
-            lambda x, y: axes.plot(x, y, "D", color=MARK, ms=4),
-            "crimp: lead and Nitinol wire in a ferrule",
-        ),
-        (lambda x, y: _coil(axes, x - 0.7, y, 1.4), "S: shape-memory coil, motor and face"),
-        (
-            lambda x, y: (
-                axes.plot([x - 0.7, x + 0.7], [y, y], color="black", lw=0.8, ls=(0, (3, 2))) and None
-            ),
-            "acts on, not a wire of the heating circuit",
-        ),
-    )
-    for i, (draw, meaning) in enumerate(entries):
-        column, row = divmod(i, 4)
-        x, y = 2.0 + 13.6 * column, 3.3 - 0.65 * row
-        draw(x, y)
-        _write(axes, x + 1.1, y, meaning, 8, ha="left")
+def _box(axes: Axes, left: float, bottom: float, width: float, height: float) -> None:
+    axes.add_patch(Rectangle((left, bottom), width, height, fc="white", ec="black", lw=0.8, zorder=4))
+
+
+def _terminal(axes: Axes, x: float, y: float) -> None:
+    axes.plot(x, y, "s", mfc="white", mec="black", ms=6, zorder=4)
+
+
+def _crimp(axes: Axes, x: float, y: float) -> None:
+    axes.plot(x, y, "D", color=MARK, ms=4, zorder=5)
+
+
+def _link(axes: Axes, x: tuple[float, float], y: tuple[float, float]) -> None:
+    axes.plot(x, y, color="black", lw=0.8, ls=(0, (3, 2)))
 
 
 def _fuse(axes: Axes, x: float, y: float) -> None:
@@ -207,3 +178,27 @@ def _write(
         zorder=zorder,
         linespacing=1.3,
     )
+
+
+_LEGEND: tuple[tuple[Sign, str], ...] = (
+    (_fuse, "F: fuse, quick-acting"),
+    (
+        _contact,
+        "S1: main switch within reach; K: contact that is open at rest",
+    ),
+    (
+        lambda axes, x, y: _contact(axes, x, y, opens=True),
+        "T: contact of the timer relay, closed at rest; opens when its time is up",
+    ),
+    (
+        lambda axes, x, y: _box(axes, x - 0.6, y - 0.18, 1.2, 0.36),
+        "T: control input of the timer relay, which has a supply of its own",
+    ),
+    (_terminal, "X: terminal over the robot"),
+    (_crimp, "crimp: lead and Nitinol wire in a ferrule"),
+    (lambda axes, x, y: _coil(axes, x - 0.7, y, 1.4), "S: shape-memory coil, motor and face"),
+    (
+        lambda axes, x, y: _link(axes, (x - 0.7, x + 0.7), (y, y)),
+        "acts on, not a wire of the heating circuit",
+    ),
+)

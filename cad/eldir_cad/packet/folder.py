@@ -102,12 +102,13 @@ def _write_files(folder: Path, c: Content, connections: Wiring, leads: Sequence[
     ballast = c.variant.ballast.mass if c.variant.ballast else None
     plan = _drawing.draw_assembly_map(c.assembly, connections, ballast)
     footer = _footer(folder, c)
-    pages = [plan, *draw_order_of_work(c, connections), draw_findings(body, c.report)]
+    preview = png(_drawing.draw_robot(c.assembly, c.spec))
+    pages = [plan, *draw_order_of_work(c, connections, preview), draw_findings(body, c.report)]
     if c.ground is not None:
         pages.append(draw_ground(c, c.ground))
     write_bytes(folder / "assembly.pdf", pdf(add_footer(pages, footer)))
     write_bytes(folder / "kit.pdf", pdf(add_footer(draw_kit(c, connections, lead_mm), footer)))
-    write_bytes(folder / "preview.png", png(_drawing.draw_robot(c.assembly, c.spec)))
+    write_bytes(folder / "preview.png", preview)
     write_bytes(folder / "preview.glb", _drawing.robot_glb(c.assembly, c.spec))
     write_bytes(folder / "traveller.pdf", pdf(add_footer(draw_traveller(c), footer)))
 

@@ -15,7 +15,6 @@ from eldir_cad.packet._circuit import (
     Circuit,
     air_speed,
     awg,
-    heated_faces,
 )
 from eldir_cad.packet.manifest import Content
 
@@ -48,7 +47,7 @@ def circuits(c: Content, connections: Wiring) -> dict[int, Circuit]:
     """The heating circuit of each relay channel, by its number."""
     springs = spring_parameters(c.spec)
     limit = c.spec.coil.current_limit_a
-    return {n.channel: Circuit(len(heated_faces(n)), springs, limit) for n in connections}
+    return {n.channel: Circuit(len(n.faces), springs, limit) for n in connections}
 
 
 def parts_to_buy(c: Content) -> list[Item]:
@@ -86,13 +85,14 @@ def bench_items(c: Content, connections: Wiring, lead_mm: int) -> list[Item]:
     lowest = min(circuit.min_loaded_voltage for circuit in own.values())
     count, springs = len(own), widest.springs
     section, (ferrule, bore) = widest.lead_section, widest.ferrule
-    lead_metres = math.ceil(2 * count * (1e-3 * lead_mm + TO_TERMINALS))
     heat = sum(circuit.current_limit**2 * circuit.resistance for circuit in own.values())
     input_power = 10 * math.ceil(
         sum(circuit.max_current * circuit.springs.supply_voltage for circuit in own.values()) / 10
     )
     length = 1e-3 * float(np.ptp(c.assembly.centres[:, 0]))
     coils = sum(circuit.coils for circuit in own.values())
+    joined = coils - count  # pairs of coils in series, whose leads meet at the top of the robot
+    lead_metres = math.ceil(2 * (1e-3 * coils * lead_mm + count * TO_TERMINALS))
     return [
         Item(
             "supply_output",
@@ -144,7 +144,8 @@ def bench_items(c: Content, connections: Wiring, lead_mm: int) -> list[Item]:
         Item(
             "lead",
             f"stranded copper in silicone, {section:g} mm2 (AWG {awg(section)}), from coils to terminals: "
-            f"{2 * count} pieces of {1e-3 * lead_mm + TO_TERMINALS:.2f} m",
+            f"{2 * count} pieces of {1e-3 * lead_mm + TO_TERMINALS:.2f} m"
+            + (f", {2 * joined} of {1e-3 * lead_mm:.2f} m between coils in series" if joined else ""),
             lead_metres,
             "m",
         ),
@@ -158,8 +159,8 @@ def bench_items(c: Content, connections: Wiring, lead_mm: int) -> list[Item]:
         Item(
             "ferrule",
             f"uninsulated copper ferrule of {ferrule:g} mm2, bore {bore:g} mm: joins a lead with a coil's "
-            "end",
-            2 * coils,
+            "end" + (", or two leads" if joined else ""),
+            2 * coils + joined,
         ),
         Item("terminal", "pair of screw or spring terminals over the robot", count),
         Item(
@@ -184,7 +185,8 @@ def tools() -> list[str]:
 
 def lead_resistance(circuit: Circuit, lead_mm: int) -> float:
     """Resistance to expect of the leads between a channel's terminals and its coils, both ways [Ohm]."""
-    return 2 * STRAND_RESISTIVITY / circuit.lead_section * (1e-3 * lead_mm + TO_TERMINALS)
+    length = 1e-3 * circuit.coils * lead_mm + TO_TERMINALS
+    return 2 * STRAND_RESISTIVITY / circuit.lead_section * length
 
 
 def bench_wire_resistance() -> float:

@@ -6,7 +6,10 @@ import re
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle
 
+from eldir.core.pictures import png
 from eldir.design import Ballast, Variant
 from eldir.parameters.wiring import FACES, wiring
 from eldir_cad.checks.contacts import Lead
@@ -25,6 +28,7 @@ from tests.cad.drawn_bodies import BLOCK, HOURGLASS, WHEEL, body, design
 PRINTER = load_printer()
 SPEC = fit_to_printer(load_specification(), PRINTER)
 GRAMS = 11.0
+PICTURE = png(Figure(figsize=(1, 1)))
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +62,7 @@ def test_parts_are_washed_as_long_as_the_printer_says_before_and_after_they_leav
 
 
 def test_the_order_of_work_tells_the_ballast_of_both_holders_together(content):
-    told = words(draw_order_of_work(content, wiring(2)))
+    told = words(draw_order_of_work(content, wiring(2), PICTURE))
     shot, whole = map(float, re.search(r"glue ([\d.]+) g of .* each, ([\d.]+) g with", told).groups())
     holder = content.assembly.parts["ballast_holder"].volume * 1e-3 * PRINTER.material.density
     assert whole == pytest.approx(2 * (shot + holder), abs=0.02)
@@ -67,11 +71,11 @@ def test_the_order_of_work_tells_the_ballast_of_both_holders_together(content):
 
 def test_springs_in_series_share_a_channel_on_all_pages(content, tmp_path):
     in_series = wiring(2, in_series=True)
-    assert "join one lead of the front coil" in words(draw_order_of_work(content, in_series))
-    assert "join one lead" not in words(draw_order_of_work(content, wiring(2)))
+    assert "join one lead of the front coil" in words(draw_order_of_work(content, in_series, PICTURE))
+    assert "join one lead" not in words(draw_order_of_work(content, wiring(2), PICTURE))
     labels = [
         [t.get_text() for t in axes.texts if t.get_text().startswith("S")]
-        for axes in draw_assembly_map(content.assembly, in_series).axes
+        for axes in draw_assembly_map(content.assembly, in_series).axes[:2]
     ]
     assert labels == [["S0 / 1", "S1 / 2"]] * 2
     leads = [Lead(motor, 0, 1.0, "strip", 100.0) for motor in range(2)]
@@ -85,9 +89,9 @@ def test_the_map_of_the_back_is_mirrored_as_the_robot_is_from_there():
     figure = draw_assembly_map(made, wiring(1))
     front, back = (
         {int(t.get_text()): t.get_position() for t in axes.texts if t.get_text().isdigit()}
-        for axes in figure.axes
+        for axes in figure.axes[:2]
     )
-    assert [axes.get_title().split()[0] for axes in figure.axes] == list(FACES)
+    assert [axes.get_title().split()[0] for axes in figure.axes[:2]] == list(FACES)
     assert "travel to the right" in figure.axes[0].get_title()
     assert "travel to the left" in figure.axes[1].get_title()
     foremost = int(made.centres[:, 0].argmax())
@@ -128,3 +132,34 @@ def test_a_cross_is_on_the_faulty_masses_alone():
     axes = draw_findings(hourglass, BuildReport.of((fault, hinge), {})).axes[0]
     at = {line.get_marker(): line.get_xydata() for line in axes.lines}
     assert at["X"].tolist() == hourglass.positions[[1, 3]].tolist()
+
+
+def test_seats_are_drawn_on_the_front_face_alone_and_every_sign_is_in_the_legend():
+    made = assemble(body(*BLOCK), SPEC)
+    front, back, legend = draw_assembly_map(made, wiring(1)).axes
+    rings = [[patch for patch in axes.patches if isinstance(patch, Circle)] for axes in (front, back)]
+    assert [len(circles) for circles in rings] == [len(made.marks), 0]
+    told = " ".join(text.get_text() for text in legend.texts)
+    for sign in (
+        "connector",
+        "cap",
+        "seat of a disc",
+        "passive spring",
+        "shape-memory spring",
+        "relay channel",
+    ):
+        assert sign in told
+
+
+@pytest.mark.parametrize(("rows", "beside"), [(["11111111"], False), (["1110"] * 6, True)])
+def test_a_long_body_has_its_faces_above_each_other_and_a_high_one_beside(rows, beside):
+    front, back, _ = draw_assembly_map(assemble(body(*rows), SPEC), wiring(1)).axes
+    places = [axes.get_position() for axes in (front, back)]
+    level, above = (np.isclose(*(getattr(place, edge) for place in places)) for edge in ("y0", "x0"))
+    assert (level, above) == (beside, not beside)
+
+
+def test_supports_are_left_to_the_slicer_which_is_told_where(content):
+    told = words(draw_traveller(content))
+    assert "The plates have no supports: let the slicer add them, " in told
+    assert "4 and 37.3 mm above the plate: connector" in told
