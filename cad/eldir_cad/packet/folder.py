@@ -57,8 +57,8 @@ def write_packet(
 ) -> Packet:
     """Check the design, make its parts and write the folder `out`, which must not exist yet.
 
-    `in_series`: both springs of a motor are wired in series on one relay channel. `more_files`: further files,
-    by name, such as those of `eldir_hardware.markers.placement`.
+    `in_series`: both springs of a motor are wired in series on one relay channel. `more_files`: further
+    files, by name, such as those of `eldir_hardware.markers.placement`.
 
     Raises `InputError` for a design that cannot be built, `EldirError` where a part cannot be printed,
     parts do not fit together, or `out` cannot be written.

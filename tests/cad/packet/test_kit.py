@@ -1,8 +1,8 @@
 """kit.pdf: ratings against arithmetic by hand, lists and pages against the wiring that they come from."""
 
+import math
 import re
 from dataclasses import replace
-from types import SimpleNamespace
 
 import pytest
 
@@ -12,9 +12,8 @@ from eldir.parameters.wiring import wiring
 from eldir_cad.checks.buildability import check
 from eldir_cad.kit.printer import fit_to_printer, load_printer
 from eldir_cad.kit.specification import load_specification
-from eldir_cad.packet._circuit import FUSES, Circuit, air_speed, awg, heated_faces
+from eldir_cad.packet._circuit import FUSES, Circuit, air_speed, awg
 from eldir_cad.packet._kit import TEST_CURRENT, draw_kit, robot_mass
-from eldir_cad.packet._wiring_diagram import draw_wiring
 from eldir_cad.packet.manifest import make_content
 from eldir_cad.packet.shopping import bench_items, circuits
 from tests.cad.drawn_bodies import WHEEL, design
@@ -101,13 +100,18 @@ def test_the_diagram_has_every_channel_once_with_its_coil(pages):
         assert sign in shown, "every sign is in the legend"
 
 
-def test_a_channel_that_heats_both_coils_of_a_motor_shows_them_in_series():
-    both = SimpleNamespace(channel=1, spring=0, face="both")
-    assert heated_faces(both) == ("front", "back")
-    (page,) = draw_wiring((both,), {1: replace(CIRCUIT, coils=2)})
-    shown = words([page])
-    assert "S0 front" in shown and "S0 back" in shown
-    assert "1.97 Ohm in series, 7.3 V" in shown
+def test_a_channel_that_heats_both_coils_of_a_motor_has_them_in_one_row(robot):
+    in_series = wiring(2, in_series=True)
+    told = words(draw_kit(robot, in_series, LEAD))
+    assert told.count("1.97 Ohm in series, 7.3 V") == 2
+    assert told.count("S0 front") == told.count("S0 back") == 2, "in the diagram and in the record"
+    assert "differ by" not in told, "one output, one current"
+    items = {item.name: item for item in bench_items(robot, in_series, LEAD)}
+    assert [items[name].count for name in ("supply_output", "fuse", "terminal")] == [2, 4, 2]
+    assert items["ferrule"].count == 8 + 2, "two at each coil, one between two coils"
+    assert items["lead"].count == math.ceil(8 * 0.21 + 4 * 0.5)
+    assert "wire-wound, 2 Ohm" in items["test_resistor"].purpose
+    assert "6.6 to 11 V" in items["timer_relay"].purpose  # 3.42 A x (2 x 0.938 + 0.05) Ohm
 
 
 def test_the_pages_give_the_mass_of_the_filter_and_the_bounds_of_the_meter(robot, pages):
