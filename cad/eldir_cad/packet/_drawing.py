@@ -19,12 +19,12 @@ from trimesh.visual.texture import TextureVisuals
 from eldir.core.pictures import MARK, MOTOR
 from eldir.core.records import FloatArray
 from eldir.parameters.wiring import FACES, Face, Wiring, wiring_digest
-from eldir_cad.geometry.assembly import Assembly
+from eldir_cad.geometry.assembly import Assembly, Placement
 from eldir_cad.kit.specification import Specification
 from eldir_cad.packet._layout import Sign, cover_page, draw_legend
 
 ColouredMesh = tuple[trimesh.Trimesh, str]
-_RESIN, CONNECTOR = "#9db7c9", "#d9c48f"
+RESIN, CONNECTOR = "#9db7c9", "#d9c48f"
 _COIL_PIECES = 12
 _MARGINS = np.array([44.0, 60.0])  # around the masses of a face on the map [mm]
 _PAGE_RATIO = 1.95  # width to height, below which two faces are larger side by side than one above the other
@@ -45,7 +45,7 @@ def draw_robot(assembly: Assembly, spec: Specification) -> Figure:
         matrix = np.eye(4)
         matrix[:3, :3], matrix[:3, 3] = place.rotation, place.translation
         marked = place.face == "front" and place.part.startswith("mass") and place.masses[0] in assembly.marks
-        colour = MARK if marked else CONNECTOR if place.part == "connector" else _RESIN
+        colour = MARK if marked else CONNECTOR if place.part == "connector" else RESIN
         solids.append((mesh.apply_transform(matrix), colour))
     solids += [(coil, MOTOR) for coil in _coils(assembly, spec)]
     figure = Figure(figsize=(9, 6))
@@ -142,16 +142,30 @@ _LEGEND: tuple[tuple[Sign, str], ...] = (
 
 def _coils(assembly: Assembly, spec: Specification) -> list[trimesh.Trimesh]:
     """The shape-memory springs as rods in short pieces, which can be sorted by depth."""
-    body, pieces = assembly.morphology, []
-    for a, b in assembly.centres[body.springs[body.active]]:
-        along = (b - a) / np.linalg.norm(b - a) * spec.coil_seat
-        for z in (spec.springs_at, -spec.springs_at):
-            turns = np.linspace([*(a + along), z], [*(b - along), z], _COIL_PIECES + 1)
-            radius = spec.coil.outer_diameter / 2
-            pieces += [
-                trimesh.creation.cylinder(radius, segment=ends, sections=16) for ends in pairwise(turns)
-            ]
-    return pieces
+    body = assembly.morphology
+    motors = assembly.centres[body.springs[body.active]]
+    return [piece for ends in motors for face in FACES for piece in coil(ends, face, spec)]
+
+
+def coil(
+    ends: FloatArray, face: Face, spec: Specification, pieces: int = _COIL_PIECES
+) -> list[trimesh.Trimesh]:
+    """A shape-memory spring between masses with these centres [mm], shape (2, 2), as rods end to end."""
+    a, b = ends
+    along = (b - a) / np.linalg.norm(b - a) * spec.coil_seat
+    z = spec.springs_at if face == "front" else -spec.springs_at
+    turns = np.linspace([*(a + along), z], [*(b - along), z], pieces + 1)
+    radius = spec.coil.outer_diameter / 2
+    return [trimesh.creation.cylinder(radius, segment=rod, sections=16) for rod in pairwise(turns)]
+
+
+def placed(assembly: Assembly, place: Placement) -> trimesh.Trimesh:
+    """A copy of a part where it is in the robot [mm]."""
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = place.rotation, place.translation
+    mesh = assembly.parts[place.part].mesh.copy()
+    mesh.apply_transform(matrix)
+    return mesh
 
 
 def _draw_shaded(axes: Axes, solids: Sequence[ColouredMesh], turn: float, tilt: float) -> None:
@@ -196,14 +210,14 @@ def robot_glb(assembly: Assembly, spec: Specification) -> bytes:
     meshes = {}
     for name, part in assembly.parts.items():
         marked = name.endswith("front") and name in _marked_parts(assembly)
-        colour = MARK if marked else CONNECTOR if name == "connector" else _RESIN
-        meshes[name] = _with_colour(part.mesh, colour)
+        colour = MARK if marked else CONNECTOR if name == "connector" else RESIN
+        meshes[name] = colour_mesh(part.mesh, colour)
     for i, place in enumerate(assembly.placements):
         matrix = np.eye(4)
         matrix[:3, :3], matrix[:3, 3] = place.rotation, place.translation * _MM
         scene.add_geometry(meshes[place.part], f"{i:04d}", place.part, transform=matrix)
     for i, coil in enumerate(_coils(assembly, spec)):
-        scene.add_geometry(_with_colour(coil, MOTOR), f"coil_{i}", f"coil_{i}")
+        scene.add_geometry(colour_mesh(coil, MOTOR), f"coil_{i}", f"coil_{i}")
     return bytes(export_glb(scene, include_normals=False))
 
 
@@ -211,7 +225,8 @@ def _marked_parts(assembly: Assembly) -> set[str]:
     return {p.part for p in assembly.placements if p.face == "front" and p.masses[0] in assembly.marks}
 
 
-def _with_colour(mesh: trimesh.Trimesh, colour: str) -> trimesh.Trimesh:
+def colour_mesh(mesh: trimesh.Trimesh, colour: str) -> trimesh.Trimesh:
+    """The mesh in metres, in a colour."""
     vertices = np.asarray(mesh.vertices) * _MM
     value = [int(colour[i : i + 2], 16) for i in (1, 3, 5)] + [255]
     material = PBRMaterial(name=colour, baseColorFactor=value, metallicFactor=0.0, roughnessFactor=0.8)

@@ -33,7 +33,7 @@ def _draw_page(rows: Wiring, connections: Wiring, circuits: dict[int, Circuit]) 
     digest = f"wiring {wiring_digest(connections)[:8]}"
     figure.text(0.97, 0.965, digest, fontsize=8, va="top", ha="right")
     axes = cover_page(figure)
-    pitch = min(3.4, (_TOP - _BOTTOM) / len(rows))
+    pitch = min(5.0, (_TOP - _BOTTOM) / len(rows))
     heights = [_TOP - 0.8 - pitch * i for i in range(len(rows))]
     _draw_source(axes, heights, circuits[rows[0].channel])
     for y, connection in zip(heights, rows, strict=True):

@@ -32,6 +32,7 @@ from eldir_cad.packet._kit import draw_kit
 from eldir_cad.packet._layout import add_footer
 from eldir_cad.packet._pages import draw_findings, draw_ground, draw_order_of_work, draw_traveller
 from eldir_cad.packet._tables import bill_of_materials, lead_lengths, wiring_table
+from eldir_cad.packet._viewer import assembly_page
 from eldir_cad.packet.manifest import Content, Manifest, make_content
 from eldir_cad.packet.shopping import bench_items, parts_to_buy
 
@@ -108,6 +109,7 @@ def _write_files(folder: Path, c: Content, connections: Wiring, leads: Sequence[
         pages.append(draw_ground(c, c.ground))
     write_bytes(folder / "assembly.pdf", pdf(add_footer(pages, footer)))
     write_bytes(folder / "kit.pdf", pdf(add_footer(draw_kit(c, connections, lead_mm), footer)))
+    write_text(folder / "assembly.html", assembly_page(c.assembly, c.spec, connections))
     write_bytes(folder / "preview.png", preview)
     write_bytes(folder / "preview.glb", _drawing.robot_glb(c.assembly, c.spec))
     write_bytes(folder / "traveller.pdf", pdf(add_footer(draw_traveller(c), footer)))

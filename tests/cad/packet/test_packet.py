@@ -78,6 +78,7 @@ def test_manifest_names_every_file_and_fits_its_schema(packet, manifest):
         "wiring.csv",
         "traveller.pdf",
         "assembly.pdf",
+        "assembly.html",
         "kit.pdf",
         "markers.pdf",
         "preview.png",
