@@ -24,7 +24,7 @@ from eldir_cad.kit.specification import Specification
 from eldir_cad.packet._layout import Sign, cover_page, draw_legend
 
 ColouredMesh = tuple[trimesh.Trimesh, str]
-RESIN, CONNECTOR = "#9db7c9", "#d9c48f"
+_RESIN, CONNECTOR = "#9db7c9", "#d9c48f"
 _COIL_PIECES = 12
 _MARGINS = np.array([44.0, 60.0])  # around the masses of a face on the map [mm]
 _PAGE_RATIO = 1.95  # width to height, below which two faces are larger side by side than one above the other
@@ -45,7 +45,7 @@ def draw_robot(assembly: Assembly, spec: Specification) -> Figure:
         matrix = np.eye(4)
         matrix[:3, :3], matrix[:3, 3] = place.rotation, place.translation
         marked = place.face == "front" and place.part.startswith("mass") and place.masses[0] in assembly.marks
-        colour = MARK if marked else CONNECTOR if place.part == "connector" else RESIN
+        colour = MARK if marked else CONNECTOR if place.part == "connector" else _RESIN
         solids.append((mesh.apply_transform(matrix), colour))
     solids += [(coil, MOTOR) for coil in _coils(assembly, spec)]
     figure = Figure(figsize=(9, 6))
@@ -206,19 +206,25 @@ def _rgb(colour: str) -> Any:
 def robot_glb(assembly: Assembly, spec: Specification) -> bytes:
     """The robot as a binary glTF file, in metres, y up, with each part once and all its placements.
     The same assembly gives the same bytes."""
+    scene = scene_of_parts(assembly)
+    for i, rod in enumerate(_coils(assembly, spec)):
+        scene.add_geometry(colour_mesh(rod, MOTOR), f"coil_{i}", f"coil_{i}")
+    return bytes(export_glb(scene, include_normals=False))
+
+
+def scene_of_parts(assembly: Assembly) -> trimesh.Scene:
+    """Each part once, in metres, and all its placements, whose nodes are their numbers of four digits."""
     scene = trimesh.Scene()
     meshes = {}
     for name, part in assembly.parts.items():
         marked = name.endswith("front") and name in _marked_parts(assembly)
-        colour = MARK if marked else CONNECTOR if name == "connector" else RESIN
+        colour = MARK if marked else CONNECTOR if name == "connector" else _RESIN
         meshes[name] = colour_mesh(part.mesh, colour)
     for i, place in enumerate(assembly.placements):
         matrix = np.eye(4)
         matrix[:3, :3], matrix[:3, 3] = place.rotation, place.translation * _MM
         scene.add_geometry(meshes[place.part], f"{i:04d}", place.part, transform=matrix)
-    for i, coil in enumerate(_coils(assembly, spec)):
-        scene.add_geometry(colour_mesh(coil, MOTOR), f"coil_{i}", f"coil_{i}")
-    return bytes(export_glb(scene, include_normals=False))
+    return scene
 
 
 def _marked_parts(assembly: Assembly) -> set[str]:

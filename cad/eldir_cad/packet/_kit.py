@@ -118,7 +118,8 @@ def _draw_rules(c: Content, circuit: Circuit, lead_mm: int) -> Figure:
             "the largest current. A rating for AC is not one for DC.",
             f"Timer: not before the longest pulse, {MAX_ON_S:g} s, and not after {TIMER_S:g} s, with which "
             f"eldir checks the limits. In its current limit an output has {circuit.loaded_voltage:.1f} V, "
-            "because the coils need no more: the control input of the timer must take this for on.",
+            "because the coils need no more: the control input of the timer must take this for on. "
+            "No timer is needed where a coil that stays on never gets too hot (docs/safety.md).",
             "Ferrule: its bore has 1.5 times the section of the coil's wire and of the lead together.",
             "Fan: by the correlation for a wire across a stream, the speed that gives the coefficient with "
             f"which heat is predicted, {circuit.springs.convection_fan:g} W/(m2 K). Measure it: eldir "

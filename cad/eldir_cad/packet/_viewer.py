@@ -9,15 +9,14 @@ import json
 from importlib import resources
 
 import numpy as np
-import trimesh
 from trimesh.scene.cameras import Camera
 from trimesh.viewer import scene_to_html
 
-from eldir.core.pictures import MARK, MOTOR
+from eldir.core.pictures import MOTOR
 from eldir.parameters.wiring import FACES, Wiring
 from eldir_cad.geometry.assembly import Assembly, Placement
 from eldir_cad.kit.specification import Specification
-from eldir_cad.packet._drawing import CONNECTOR, RESIN, coil, colour_mesh, placed
+from eldir_cad.packet._drawing import coil, colour_mesh, scene_of_parts
 
 _STEPS = (
     "masses of the front face, floors down",
@@ -34,12 +33,11 @@ _VIEW = np.radians([-20.0, 205.0, 0.0])  # from behind and above: the front face
 
 def assembly_page(assembly: Assembly, spec: Specification, connections: Wiring) -> str:
     """The page as HTML. The same assembly gives the same text."""
-    scene = trimesh.Scene()
-    parts: dict[str, dict[str, object]] = {}
-    for i, place in enumerate(assembly.placements):
-        name = f"part{i}"
-        scene.add_geometry(colour_mesh(placed(assembly, place), _colour(assembly, place)), name, name)
-        parts[name] = {"step": _step(place), "name": _describe(assembly, place)}
+    scene = scene_of_parts(assembly)
+    parts: dict[str, dict[str, object]] = {
+        f"{i:04d}": {"step": _step(place), "name": _describe(assembly, place)}
+        for i, place in enumerate(assembly.placements)
+    }
     body = assembly.morphology
     channels = {(c.spring, face): c.channel for c in connections for face in c.faces}
     for motor, ends in enumerate(assembly.centres[body.springs[body.active]]):
@@ -66,13 +64,6 @@ def _step(place: Placement) -> int:
     if place.face == "back" and place.part != "ballast_holder":
         return _BACK
     return _FRONT_STEPS.get(place.part, 0)
-
-
-def _colour(assembly: Assembly, place: Placement) -> str:
-    if place.part == "connector":
-        return CONNECTOR
-    marked = place.face == "front" and place.part.startswith("mass") and place.masses[0] in assembly.marks
-    return MARK if marked else RESIN
 
 
 def _describe(assembly: Assembly, place: Placement) -> str:
