@@ -62,8 +62,6 @@ def _draw_lists(c: Content, connections: Wiring, lead_mm: int) -> Figure:
     ):
         page.heading(heading)
         page.rows([_row(item) for item in items], _LIST)
-    page.heading("Tools")
-    page.list(tools())
     return page.figure
 
 
@@ -128,6 +126,8 @@ def _draw_rules(c: Content, circuit: Circuit, lead_mm: int) -> Figure:
             "come to this. Measure it, and write it into the rig file as supply.lead_resistance_ohm.",
         ]
     )
+    page.heading("Tools")
+    page.list(tools())
     page.heading("Not needed")
     glue = "A drop of the print's resin, cured with UV light, holds the connectors' pegs"
     if c.variant.ballast is not None:
@@ -176,6 +176,20 @@ def _draw_joints(c: Content) -> Figure:
             "and main switch are yours to build and to test.",
             "Wiring of mains voltage is for an electrician. Limiter modules behind a closed DC supply need "
             "none.",
+        ]
+    )
+    page.heading("When to stop")
+    page.list(
+        [
+            "A reading is outside its bounds (measurements).",
+            "A timer, the fan's interlock, a current limit or the main switch fails its test: no heat "
+            "before all channels have passed it again.",
+            "A coil was heated without its current limit: do not use it before its lengths, cold and hot, "
+            "are those of the list.",
+            "A mount, a socket or a spring end has moved, become soft or changed its colour; it smells of "
+            "resin.",
+            "A lead or a ferrule is hot to the touch; a fuse has opened.",
+            "`eldir rig off` does not switch everything off: use the main switch, and look for the fault.",
         ]
     )
     return page.figure
@@ -271,20 +285,6 @@ def _draw_measurements(connections: Wiring, own: Sequence[Circuit], lead_mm: int
             rows.append((str(connection.channel), name, blank, blank, blank, blank, blank))
     page.rows(rows, _RECORD)
     page.list(["Air: _______ C     isolation: _______ MOhm     interlock: _______     main switch: _______"])
-    page.heading("When to stop")
-    page.list(
-        [
-            "A reading is outside its bounds on this page.",
-            "A timer, the fan's interlock, a current limit or the main switch fails its test: no heat "
-            "before all channels have passed it again.",
-            "A coil was heated without its current limit: do not use it before its lengths, cold and hot, "
-            "are those of the list.",
-            "A mount, a socket or a spring end has moved, become soft or changed its colour; it smells of "
-            "resin.",
-            "A lead or a ferrule is hot to the touch; a fuse has opened.",
-            "`eldir rig off` does not switch everything off: use the main switch, and look for the fault.",
-        ]
-    )
     return page.figure
 
 
