@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from contextlib import redirect_stdout
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +17,6 @@ from eldir.evolution.search import make_terrain
 from eldir.parameters.printed import BuiltParameters
 from eldir.terrain import TerrainFile
 from eldir_app.commands.packet import packet as command
-from eldir_cad.packet.folder import write_packet
 from tests.cad.drawn_bodies import WHEEL, design
 from tests.paths import SCHEMAS
 
@@ -25,9 +25,22 @@ ROBOT = design(*WHEEL)
 ON_GROUND = replace(ROBOT, printed_terrain=TERRAIN)
 
 
+def written(folder: Path, robot: Design) -> Path:
+    """A packet as the command writes it; beside it is what it said."""
+    robot.save(folder / "design.json")
+    with (folder / "said").open("w") as said, redirect_stdout(said):
+        command(folder / "design.json", folder / "packet")
+    return folder / "packet"
+
+
 @pytest.fixture(scope="module")
 def packet(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_packet(ON_GROUND, tmp_path_factory.mktemp("packets") / "packet").path
+    return written(tmp_path_factory.mktemp("ground"), ON_GROUND)
+
+
+@pytest.fixture(scope="module")
+def table(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return written(tmp_path_factory.mktemp("table"), ROBOT)
 
 
 def test_the_packet_holds_the_terrain_and_its_pieces(packet: Path) -> None:
@@ -52,9 +65,8 @@ def test_the_packet_holds_the_terrain_and_its_pieces(packet: Path) -> None:
     assert plates and all(f"plates/{plate.name}" in manifest["files"] for plate in plates)
 
 
-def test_the_robot_s_own_lists_and_parts_are_as_on_a_table(packet: Path, tmp_path: Path) -> None:
+def test_the_robot_s_own_lists_and_parts_are_as_on_a_table(packet: Path, table: Path) -> None:
     """Files of the robot have the same bytes; the manifest's totals are the robot's."""
-    table = write_packet(ROBOT, tmp_path / "packet").path
     assert not (table / "ground").exists()
     names = {p.relative_to(table) for p in table.rglob("*") if p.is_file()}
     differing = {str(n) for n in names if (table / n).read_bytes() != (packet / n).read_bytes()}
@@ -69,17 +81,15 @@ def test_the_robot_s_own_lists_and_parts_are_as_on_a_table(packet: Path, tmp_pat
     assert "ground" not in other
 
 
-def test_the_pages_say_how_the_pieces_lie(packet: Path, tmp_path: Path) -> None:
-    table = write_packet(ROBOT, tmp_path / "packet").path
+def test_the_pages_say_how_the_pieces_lie(packet: Path, table: Path) -> None:
     pages = [
         path.read_bytes().count(b"/Type /Page ") for path in (packet / "assembly.pdf", table / "assembly.pdf")
     ]
     assert pages[0] == pages[1] + 1 > 1
 
 
-def test_the_command_says_what_the_ground_weighs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    ON_GROUND.save(tmp_path / "design.json")
-    command(tmp_path / "design.json", tmp_path / "packet")
-    pieces = json.loads((tmp_path / "packet" / "manifest.json").read_text())["ground"]
+def test_the_command_says_what_the_ground_weighs(packet: Path) -> None:
+    pieces = json.loads((packet / "manifest.json").read_text())["ground"]
     weight = sum(piece["weight_g"] for piece in pieces.values())
-    assert f"ground: {len(pieces)} pieces, {weight:.0f} g of resin" in capsys.readouterr().out
+    said = packet.with_name("said").read_text()
+    assert f"ground: {len(pieces)} pieces, {weight:.0f} g of resin" in said
