@@ -70,7 +70,7 @@ def _draw_placement(design: Design, scale: float, board: TagBoard, in_colour: bo
 
     figure = Figure(figsize=(11.7, 8.3))
     figure.text(0.03, 0.965, "Where markers and tags go", fontsize=14, weight="bold", va="top")
-    _draw_plane(figure.add_axes((0.06, 0.37, 0.91, 0.55)), design, scale, board, in_colour)
+    _draw_plane(figure.add_axes((0.08, 0.37, 0.89, 0.55)), design, scale, board, in_colour)
     half = -(-len(board.tags) // 2)
     for column, tags in enumerate((board.tags[:half], board.tags[half:])):
         lines = ["tag      x [mm]   y [mm]"]
