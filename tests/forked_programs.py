@@ -4,7 +4,7 @@
 `subprocess.Popen` is for those of the start. One process of the tests imports what `eldir` imports, once, and
 forks: 0.03 thousand million instructions instead of 1.6. Streams, signals, environment, working directory and
 status are the program's own, and so are the programs that it starts, such as the guardian. Its input is
-empty.
+empty, unless it gets a terminal.
 """
 
 from __future__ import annotations
@@ -54,13 +54,15 @@ class Forked:
         self,
         words: Sequence[str],
         *,
+        stdin: int | None = None,
         stdout: int | IO[str] | None = None,
         stderr: int | IO[str] | None = None,
         env: Mapping[str, str] | None = None,
         server: Sequence[str] = (),
     ):
         """`words`: the interpreter, then -m or -c. A stream is a pipe, a file or its handle; this process's
-        where it is None. `server`: words of the command line before the process that forks."""
+        where it is None; `stdin` is a handle. `server`: words of the command line before the process that
+        forks."""
         executable, *rest = words
         assert executable == sys.executable and rest[0] in ("-c", "-m"), words
         self.args, self.returncode = words, None
@@ -69,7 +71,7 @@ class Forked:
         self._lock = threading.Lock()
         self._status, status = os.pipe()
         weakref.finalize(self, os.close, self._status)
-        streams, to_close = {}, [status]
+        streams, to_close = {} if stdin is None else {0: stdin}, [status]
         for number, stream in ((1, stdout), (2, stderr)):
             if stream == subprocess.PIPE:
                 read, write = os.pipe()

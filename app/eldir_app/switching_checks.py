@@ -34,6 +34,8 @@ MAX_TOUCH_C = 48.0
 (ISO 13732-1, table 1)."""
 PAUSE_S = 4.0
 """Time between two pulses, to look at the springs and to touch them."""
+OPENING_S = 0.5
+"""Time after a pulse in which its contact opens, before a question is asked."""
 _TIMER_STEP_S = 0.1  # resolution of the timers of boards
 _MIN_PULSE_S = 0.5  # a shorter pulse could end between two read-backs
 _LENGTHWISE = ("rear end", "middle", "front end")
@@ -129,18 +131,26 @@ def describe_spring(connection: Connection, body: Morphology | None) -> str:
     return f"{text}, between masses {ends[0]} and {ends[1]} ({place})"
 
 
-def show_wiring(rig: Rig, rig_file: Path, design: Path | None, say: Callable[[str], None]) -> None:
+def show_wiring(
+    rig: Rig,
+    rig_file: Path,
+    design: Path | None,
+    say: Callable[[str], None],
+    is_answered: Callable[[Connection], bool] | None = None,
+) -> None:
     """Warm one spring after the other, and say which one must grow warm.
 
     `design`: file of the robot, instead of the one that the rig file names. Without any, all channels of the
-    rig file are heated, and the places of the springs are unknown.
+    rig file are heated, and the places of the springs are unknown. `is_answered`: as of `warm_each`.
     """
     path = find_design(rig, rig_file, design)
     body = None if path is None else Design.load(path).morphology
     connections = select_motors(rig.channels, rig.motors if body is None else body.motors)
     length = warming_pulse(rig)
+    pause = PAUSE_S if is_answered is None else OPENING_S
+    rest = f"rests for {PAUSE_S:g} s" if is_answered is None else "waits for your answer"
     say(
-        f"each channel heats for {length:g} s, to less than {MAX_TOUCH_C:g} C, and rests for {PAUSE_S:g} s; "
+        f"each channel heats for {length:g} s, to less than {MAX_TOUCH_C:g} C, and {rest}; "
         "Ctrl-C opens all contacts at once"
     )
 
@@ -151,8 +161,9 @@ def show_wiring(rig: Rig, rig_file: Path, design: Path | None, say: Callable[[st
         say(f"the springs cool down from the last run, for {seconds:.0f} s")
 
     with signals_as_errors(), open_bank(rig) as opened:
-        warm_each(opened.bank, opened.clock, connections, length, on_closed, on_rest=on_rest)
-    say(f"all contacts are open. If another spring grew warm, correct `channels` in {rig_file} or the wires")
+        warm_each(opened.bank, opened.clock, connections, length, on_closed, pause, on_rest, is_answered)
+    hint = f" If another spring grew warm, correct `channels` in {rig_file} or the wires"
+    say(f"all contacts are open.{hint if is_answered is None else ''}")
 
 
 def warm_each(
@@ -163,11 +174,14 @@ def warm_each(
     on_closed: Callable[[Connection], None],
     pause: float = PAUSE_S,
     on_rest: Callable[[float], None] = lambda seconds: None,
+    is_answered: Callable[[Connection], bool] | None = None,
 ) -> None:
     """Heat one channel after the other for `length` [s], and wait for `pause` [s] after each.
 
-    Springs that are still warm cool down first; `on_rest` is called with the time for that [s]. `on_closed`
-    is called as soon as a contact is reported closed. Ctrl-C and every error open all contacts at once.
+    `is_answered` is called again and again after that, until it is true. It must not wait: all contacts are
+    open meanwhile, and the guardian watches as during a pulse. Springs that are still warm cool down first;
+    `on_rest` is called with the time for that [s]. `on_closed` is called as soon as a contact is reported
+    closed. Ctrl-C and every error open all contacts at once.
     Raises `EldirError` for a contact that is never reported closed.
     """
     stop = StopSignals()
@@ -195,3 +209,5 @@ def warm_each(
                     expected=f"closed for {length:g} s",
                     remedy="check the board: eldir rig doctor",
                 )
+            while is_answered is not None and not is_answered(connection):
+                bank.wait_until(clock.now() + _TIMER_STEP_S, lambda report: None)

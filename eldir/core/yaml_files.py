@@ -50,7 +50,7 @@ def dump_yaml(values: Any, **style: Any) -> str:
     return str(yaml.dump(values, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=1 << 20, **style))
 
 
-def with_entries(text: str, section: str, entries: Mapping[str, float | str]) -> str:
+def with_entries(text: str, section: str, entries: Mapping[str, float | str | None]) -> str:
     """The text of a YAML file with these entries of a section set; all else stays, comments too.
 
     Raises `InputError` where the text is so unusual that this does not come out.
@@ -59,11 +59,51 @@ def with_entries(text: str, section: str, entries: Mapping[str, float | str]) ->
     wanted[section] = {**(wanted.get(section) or {}), **entries}
     for name, value in entries.items():
         text = _with_entry(text, (section, name), value)
+    return _require_values(text, wanted, {section: dict(entries)})
+
+
+def with_section(text: str, section: str, value: Any) -> str:
+    """The text of a YAML file with this section replaced; all else stays, comments outside of it too.
+
+    A file without the section gets it in place of its example, a comment "# section: {...}", or at its end.
+    Raises `InputError` where the text is so unusual that this does not come out.
+    """
+    wanted = parse_yaml(text.encode(), "the file")
+    if section not in wanted:
+        example = re.compile(rf"^# {re.escape(section)}: \{{.*\}}$", re.MULTILINE)
+        if not example.search(text):
+            text = f"{text.rstrip()}\n# {section}: {{}}\n"
+        text = example.sub(f"{section}:", text, count=1)
+    wanted[section] = value
+    root = yaml.compose(text, Loader=yaml.SafeLoader)
+    node = next(inner for key, inner in root.value if key.value == section)
+    begin, end = node.start_mark.index, _last_leaf(node).end_mark.index
+    if isinstance(value, list) and isinstance(node, yaml.SequenceNode) and not node.flow_style:
+        new = ("\n" + " " * node.start_mark.column).join(f"- {_flow_text(row)}" for row in value)
+    else:
+        new = (" " if begin == end else "") + _flow_text(value)
+    return _require_values(text[:begin] + new + text[end:], wanted, {section: value})
+
+
+def _require_values(text: str, wanted: Any, changes: Mapping[str, Any]) -> str:
+    """The text, if its values are the wanted ones."""
     with suppress(InputError):
         if parse_yaml(text.encode(), "the file") == wanted:
             return text
-    written = dump_yaml({section: dict(entries)}, default_flow_style=True).strip()
+    written = dump_yaml(dict(changes), default_flow_style=True).strip()
     raise InputError("entries of the file cannot be changed", remedy=f"write them yourself: {written}")
+
+
+def _flow_text(value: Any) -> str:
+    """A value on one line."""
+    return dump_yaml([value], default_flow_style=True).strip()[1:-1]
+
+
+def _last_leaf(node: Any) -> Any:
+    """The last value of a block: the block itself ends behind the comments below it."""
+    while isinstance(node, yaml.CollectionNode) and not node.flow_style and node.value:
+        node = node.value[-1][1] if isinstance(node, yaml.MappingNode) else node.value[-1]
+    return node
 
 
 def _with_entry(text: str, path: Sequence[str], value: Any) -> str:
@@ -75,7 +115,7 @@ def _with_entry(text: str, path: Sequence[str], value: Any) -> str:
         node, path = inner, path[1:]
     for name in reversed(path):
         value = {name: value}
-    new = dump_yaml([value], default_flow_style=True).strip()[1:-1]
+    new = _flow_text(value)
     if not path or not isinstance(node, yaml.MappingNode):  # an entry, perhaps with nothing after the colon
         begin, end = node.start_mark.index, node.end_mark.index
         return text[:begin] + (" " if begin == end else "") + new + text[end:]
@@ -85,10 +125,7 @@ def _with_entry(text: str, path: Sequence[str], value: Any) -> str:
     elif node.flow_style:
         at, new = node.value[-1][1].end_mark.index, f", {new}"
     else:
-        last = node
-        while isinstance(last, yaml.CollectionNode) and not last.flow_style:
-            last = last.value[-1][1] if isinstance(last, yaml.MappingNode) else last.value[-1]
-        at, new = last.end_mark.index, "\n" + " " * node.start_mark.column + new
+        at, new = _last_leaf(node).end_mark.index, "\n" + " " * node.start_mark.column + new
         at += len(text[at:].partition("\n")[0])  # behind a comment
     return text[:at] + new + text[at:]
 

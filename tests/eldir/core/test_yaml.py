@@ -1,5 +1,6 @@
 """The one reader and writer of YAML."""
 
+import re
 import string
 from math import isfinite
 from pathlib import Path
@@ -9,7 +10,7 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eldir.core.yaml_files import dump_yaml, parse_foreign_yaml, parse_yaml, with_entries
+from eldir.core.yaml_files import dump_yaml, parse_foreign_yaml, parse_yaml, with_entries, with_section
 from eldir.errors import InputError
 from eldir_hardware.rig.template import real_rig, virtual_rig
 from tests.raised import raises
@@ -120,6 +121,32 @@ def test_only_the_entry_of_a_rig_file_changes(text):
     lines = after.splitlines()
     lines.remove("  retriggerable: true")
     assert lines == [line for line in text.splitlines() if "  retriggerable:" not in line or "#" in line]
+
+
+@given(
+    st.sampled_from(sorted(LAYOUTS)),
+    st.one_of(
+        SCALARS, st.lists(st.fixed_dictionaries({"x": SCALARS})), st.dictionaries(st.just("x"), SCALARS)
+    ),
+)
+@settings(max_examples=100)
+def test_a_section_is_replaced_and_the_rest_stays(layout, value):
+    before = LAYOUTS[layout]
+    after = with_section(before, "s", value)
+    assert yaml.safe_load(after) == yaml.safe_load(before) | {"s": value}
+    assert after.startswith(re.split(r'"?\bs"?:', before)[0].rstrip())
+
+
+def test_an_example_in_a_comment_becomes_the_section():
+    text = RIGS["real"]
+    after = with_section(text, "fan", {"interlocked": False})
+    assert after == text.replace("# fan: {interlocked: true}", "fan: {interlocked: false}")
+    rows = [{"channel": 2, "spring": 0, "face": "both"}, {"channel": 1, "spring": 1, "face": "both"}]
+    after = with_section(text, "channels", rows)
+    begin, end = text.index("  - {channel: 1"), text.index("\n\n# supply:")
+    block = "  - {channel: 2, spring: 0, face: both}\n  - {channel: 1, spring: 1, face: both}"
+    assert after == text[:begin] + block + text[end:]
+    assert with_section(after, "channels", parse_yaml(text.encode(), "")["channels"]) == text
 
 
 def test_what_cannot_be_set_is_refused_with_what_to_write():

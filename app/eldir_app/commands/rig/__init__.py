@@ -5,5 +5,5 @@ They read options, call a function of a package below and print.
 
 from eldir_app.commands import create_group
 
-ORDER = ("new", "hold", "off", "reset", "drive", "watch", "emulate", "doctor", "firmware")
+ORDER = ("setup", "new", "hold", "off", "reset", "drive", "watch", "emulate", "doctor", "firmware")
 rig = create_group(__name__, ORDER, "Drive the physical or the virtual rig.")
