@@ -34,8 +34,7 @@ MAX_TOUCH_C = 48.0
 (ISO 13732-1, table 1)."""
 PAUSE_S = 4.0
 """Time between two pulses, to look at the springs and to touch them."""
-OPENING_S = 0.5
-"""Time after a pulse in which its contact opens, before a question is asked."""
+_OPENING_S = 0.5  # from the end of a pulse to the question about it
 _TIMER_STEP_S = 0.1  # resolution of the timers of boards
 _MIN_PULSE_S = 0.5  # a shorter pulse could end between two read-backs
 _LENGTHWISE = ("rear end", "middle", "front end")
@@ -147,7 +146,6 @@ def show_wiring(
     body = None if path is None else Design.load(path).morphology
     connections = select_motors(rig.channels, rig.motors if body is None else body.motors)
     length = warming_pulse(rig)
-    pause = PAUSE_S if is_answered is None else OPENING_S
     rest = f"rests for {PAUSE_S:g} s" if is_answered is None else "waits for your answer"
     say(
         f"each channel heats for {length:g} s, to less than {MAX_TOUCH_C:g} C, and {rest}; "
@@ -161,7 +159,7 @@ def show_wiring(
         say(f"the springs cool down from the last run, for {seconds:.0f} s")
 
     with signals_as_errors(), open_bank(rig) as opened:
-        warm_each(opened.bank, opened.clock, connections, length, on_closed, pause, on_rest, is_answered)
+        warm_each(opened.bank, opened.clock, connections, length, on_closed, PAUSE_S, on_rest, is_answered)
     hint = f" If another spring grew warm, correct `channels` in {rig_file} or the wires"
     say(f"all contacts are open.{hint if is_answered is None else ''}")
 
@@ -176,19 +174,19 @@ def warm_each(
     on_rest: Callable[[float], None] = lambda seconds: None,
     is_answered: Callable[[Connection], bool] | None = None,
 ) -> None:
-    """Heat one channel after the other for `length` [s], and wait for `pause` [s] after each.
+    """Heat one channel after the other for `length` [s], and wait for at least `pause` [s] after each.
 
-    `is_answered` is called again and again after that, until it is true. It must not wait: all contacts are
-    open meanwhile, and the guardian watches as during a pulse. Springs that are still warm cool down first;
-    `on_rest` is called with the time for that [s]. `on_closed` is called as soon as a contact is reported
-    closed. Ctrl-C and every error open all contacts at once.
-    Raises `EldirError` for a contact that is never reported closed.
+    `is_answered` is called again and again when the contact has opened, until it is true. It must not wait:
+    the guardian watches as during a pulse. Springs that are still warm cool down first; `on_rest` is called
+    with the time for that [s]. `on_closed` is called as soon as a contact is reported closed. Ctrl-C and
+    every error open all contacts at once. Raises `EldirError` for a contact that is never reported closed.
     """
     stop = StopSignals()
     with stop.handled(), bank.armed(), stop.raising():
         if (seconds := bank.ready_at - clock.now()) > 0:
             on_rest(seconds)
             bank.wait_until(bank.ready_at, lambda report: None)
+        rested_at = clock.now()  # two channels may heat the same spring, where it is wired twice
         for connection in connections:
             closed: list[Connection] = []
 
@@ -199,9 +197,9 @@ def warm_each(
                     closed.append(heated)
                     on_closed(heated)
 
-            start = clock.now() + LEAD + _TIMER_STEP_S
+            start = max(rested_at, clock.now() + LEAD + _TIMER_STEP_S)
             bank.heat(start, {connection.channel: length})
-            bank.wait_until(start + length + pause, on_report)
+            bank.wait_until(start + length + (pause if is_answered is None else _OPENING_S), on_report)
             if not closed:
                 raise EldirError(
                     f"channel {connection.channel} was not reported closed",
@@ -211,3 +209,4 @@ def warm_each(
                 )
             while is_answered is not None and not is_answered(connection):
                 bank.wait_until(clock.now() + _TIMER_STEP_S, lambda report: None)
+            rested_at = start + length + pause

@@ -48,6 +48,7 @@ class FeltSprings:
         )
 
     def _parse(self, answer: str, connection: Connection) -> Connection | None:
+        answer = answer.lower()
         if answer in ("y", "yes"):
             return connection
         if answer in ("n", "no"):

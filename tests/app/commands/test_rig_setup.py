@@ -19,7 +19,7 @@ from eldir.errors import InputError
 from eldir.parameters.wiring import Connection
 from eldir_app.rig_setup.dialogue import Dialogue
 from eldir_app.rig_setup.felt_springs import FeltSprings
-from eldir_app.switching_checks import OPENING_S, warm_each, warming_pulse
+from eldir_app.switching_checks import PAUSE_S, warm_each, warming_pulse
 from eldir_hardware.camera.plane import TagBoard
 from eldir_hardware.guardian.pulse_controller import PulseController
 from eldir_hardware.rig.configuration import Rig
@@ -308,14 +308,13 @@ def wired(felt: dict[int, str], rig: Rig = RIG) -> tuple[Connection, ...]:
     """The wiring that follows from what a person feels at each channel, in virtual time."""
     host, guest = pty.openpty()
     springs = FeltSprings(rig, Dialogue(guest))
-    edges = []
+    closed = []
 
     def is_answered(connection: Connection) -> bool:
         answered = springs.is_answered(connection)
-        edges.append(sum(virtual.emulator.contacts))
-        if not answered and felt[connection.channel]:
-            os.write(host, f"{felt.pop(connection.channel)}\n".encode())
-            felt[connection.channel] = ""
+        closed.append(sum(virtual.emulator.contacts))
+        if not answered and (answer := felt.pop(connection.channel, "")):
+            os.write(host, f"{answer}\n".encode())
             assert select.select([guest], [], [], 5)[0]
         return answered
 
@@ -323,10 +322,10 @@ def wired(felt: dict[int, str], rig: Rig = RIG) -> tuple[Connection, ...]:
         with VirtualRig(rig, Piston()) as virtual:
             bank = PulseController(virtual.board, rig, virtual.clock)
             length = warming_pulse(rig)
-            warm_each(
-                bank, virtual.clock, rig.channels, length, lambda c: None, OPENING_S, is_answered=is_answered
-            )
-            assert len(virtual.emulator.contact_events) == 2 * len(rig.channels) and not any(edges)
+            warm_each(bank, virtual.clock, rig.channels, length, lambda c: None, is_answered=is_answered)
+            times = np.array([event.t for event in virtual.emulator.contact_events]).reshape(-1, 2)
+        assert len(times) == len(rig.channels) and not any(closed)
+        assert (times[1:, 0] - times[:-1, 1]).min() > PAUSE_S - 0.2, "the same spring may be wired twice"
         return springs.find_wiring()
     finally:
         os.close(host)

@@ -167,8 +167,8 @@ def _calibrate(draft: RigDraft, dialogue: Dialogue, wanted: bool | None) -> None
                 continue
             except EldirError as error:
                 dialogue.say(f"not calibrated: {error}")
-        key = "lens" if run is run_lens else "plane"
-        dialogue.say(f"Later: {shlex.join(line)}, then enter camera.{key} in {draft.path}")
+        key = f"lens: {lens.name}" if run is run_lens else f"plane: {plane.name}"
+        dialogue.say(f"Later: {shlex.join(line)}; then enter {key} at camera in {draft.path}")
 
 
 def _finish(draft: RigDraft, dialogue: Dialogue, warm: bool | None, design: Path | None) -> None:
