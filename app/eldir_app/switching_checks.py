@@ -186,7 +186,7 @@ def warm_each(
         if (seconds := bank.ready_at - clock.now()) > 0:
             on_rest(seconds)
             bank.wait_until(bank.ready_at, lambda report: None)
-        rested_at = clock.now()  # two channels may heat the same spring, where it is wired twice
+        next_start = clock.now()  # two channels may heat the same spring, where it is wired twice
         for connection in connections:
             closed: list[Connection] = []
 
@@ -197,7 +197,7 @@ def warm_each(
                     closed.append(heated)
                     on_closed(heated)
 
-            start = max(rested_at, clock.now() + LEAD + _TIMER_STEP_S)
+            start = max(next_start, clock.now() + LEAD + _TIMER_STEP_S)
             bank.heat(start, {connection.channel: length})
             bank.wait_until(start + length + (pause if is_answered is None else _OPENING_S), on_report)
             if not closed:
@@ -209,4 +209,4 @@ def warm_each(
                 )
             while is_answered is not None and not is_answered(connection):
                 bank.wait_until(clock.now() + _TIMER_STEP_S, lambda report: None)
-            rested_at = start + length + pause
+            next_start = start + length + pause

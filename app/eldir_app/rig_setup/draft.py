@@ -9,8 +9,8 @@ from typing import Any
 from eldir.core.files import read_file, require_folder, write_text
 from eldir.core.validation import validate
 from eldir.core.yaml_files import MAX_YAML_BYTES, parse_yaml, with_entries, with_section
-from eldir.errors import InputError
 from eldir.parameters.wiring import Connection
+from eldir_app.options import load_real_rig
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.template import real_rig
 
@@ -25,9 +25,7 @@ class RigDraft:
         if not path.exists():
             require_folder(path)
             return
-        self._rig = Rig.load(path)
-        if self._rig.kind != "real":
-            raise InputError(f"{path} is a virtual rig", code="rig.virtual", expected="kind: real")
+        self._rig, _ = load_real_rig(path)
 
     @property
     def is_begun(self) -> bool:
