@@ -31,7 +31,7 @@ from eldir_hardware.rig.supply import find_implausible_springs, worst_springs
 from eldir_hardware.run.room import query_thermometer
 from eldir_hardware.safety.compatibility import PacketWiring, compare_wiring, packet_wiring
 from eldir_hardware.safety.latch import LatchedError, require_unlatched
-from eldir_hardware.safety.limits import check_room
+from eldir_hardware.safety.limits import check_rig, check_room
 from eldir_hardware.safety.worst_heat import stuck_temperature
 
 _MIN_FRAME_RATE_HZ = 5.0
@@ -134,6 +134,7 @@ def check_welded_contact(rig: Rig, measurements: Finding) -> Finding:
     if not measurements.ok:
         return Finding("a welded contact", False, "unknown until the measurements are in the rig file")
     try:
+        check_rig(rig)  # also the cut-off's dependence on the board, and the contacts' rating
         hottest = stuck_temperature(rig, worst_springs(rig), None)
     except EldirError as error:
         return Finding("a welded contact", False, str(error))

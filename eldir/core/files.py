@@ -111,16 +111,20 @@ def _check_extent(values: Any, most: int) -> None:
 
 
 def write_bytes(path: Path, data: bytes | memoryview) -> None:
-    """Write a file completely or not at all: first under a temporary name beside `path`, then renamed."""
+    """Write a file completely or not at all: first under a temporary name beside `path`, then renamed.
+
+    A file that is replaced keeps who may read it: a rig file may have passwords.
+    """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
+        mode = stat.S_IMODE(path.stat().st_mode) if path.exists() else 0o644
         handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
         try:
             with os.fdopen(handle, "wb") as file:
                 file.write(data)
                 file.flush()
                 os.fsync(file.fileno())
-            os.chmod(name, 0o644)
+            os.chmod(name, mode)
             os.replace(name, path)
             _logger.debug("wrote %s (%d bytes)", path, len(data))
         except BaseException:

@@ -52,6 +52,7 @@ class SetupConfig:
     board: str | None = None
     in_series: str | None = None
     channels: str | None = None
+    contact_rating: str | None = None
     voltage: str | None = None
     outputs: str | None = None
     current_limit: str | None = None
@@ -76,7 +77,7 @@ class Questions:
     """Folder of the links of serial ports."""
 
     def ask_board(self) -> None:
-        """Port and kind of the relay board, its wiring and its number of relays."""
+        """Port and kind of the relay board, its wiring and its relays."""
         draft = self.draft
         board = draft.rig.board if draft.is_begun else None
 
@@ -112,6 +113,9 @@ class Questions:
         question = "Number of relays on the board"
         count = draft.rig.board.channels
         self._ask_entry("--channels", "board.channels", question, parse_number, self.config.channels, count)
+        question = "Current that one of its contacts may carry, as printed on the relay [A]"
+        given, rating = self.config.contact_rating, draft.rig.board.contact_rating_a
+        self._ask_entry("--contact-rating", "board.contact_rating_a", question, parse_number, given, rating)
 
     def _ask_port(self, known: str | None) -> str:
         ports = sorted(connected_ports(self.links))

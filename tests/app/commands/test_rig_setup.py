@@ -32,6 +32,7 @@ from tests.hardware.virtual.piston_and_observer import Piston
 ANSWERS = {
     "--board": "lcus",
     "--channels": "8",
+    "--contact-rating": "10",
     "--voltage": "11,5",
     "--outputs": "each",
     "--current-limit": "3.4",
@@ -115,6 +116,7 @@ def test_a_student_sets_up_a_rig_whose_springs_are_swapped(tmp_path):
         person.answer("expected yes or no; found 'perhaps'", "yes")
         person.answer("Number of relays", "99")
         person.answer("at most 8 channels", "4")
+        person.answer("contacts may carry", "")
         person.answer("Voltage of the heating supply [V] [11]", "eleven")
         person.answer("invalid number; expected one such as 3.6; found 'eleven'", "-3")
         person.answer("invalid supply.voltage_v", "")
@@ -135,6 +137,8 @@ def test_a_student_sets_up_a_rig_whose_springs_are_swapped(tmp_path):
         person.type_ahead("yes")  # no answer to what is asked later
         person.answer("Warm one spring after the other", "yes")
         assert not board.contact_events
+        person.wait_for("channel 1:")
+        person.type_ahead("0")  # nor to the question that comes when the contact has opened
         for spring, answer in ((0, "1"), (1, "2")):
             person.answer(f"Did springs {spring} front and back in series grow warm?", answer)
             assert not any(board.contacts)
@@ -164,7 +168,10 @@ def test_it_continues_after_ctrl_c(tmp_path):
     path = tmp_path / "rig.yaml"
     with emulated("lcus", 8) as board:
         words = ("-m", "eldir", "rig", "setup", "--out", path, "--port", board.port, "--board", "lcus")
-        with at_a_terminal(*words, "--no-in-series", "--channels", "8") as (program, person):
+        with at_a_terminal(*words, "--no-in-series", "--channels", "8", "--contact-rating", "7") as (
+            program,
+            person,
+        ):
             person.answer("Voltage of the heating supply [V] [11]", "12.5")
             person.answer("(shared)?", "")
             program.send_signal(signal.SIGINT)
@@ -173,12 +180,31 @@ def test_it_continues_after_ctrl_c(tmp_path):
         assert f"the answers so far are in {path}; continue: eldir rig setup --out {path}" in said
         assert Rig.load(path).supply.voltage_v == 12.5
         path.write_text("# mine\n" + path.read_text())
+        path.chmod(0o600)  # it may have passwords
         continued = run("setup", "--out", path, "--port", board.port, *options(voltage="12"))
         assert continued.exit_code == 0, continued.output
         assert "next: see whether the right springs grow warm: eldir rig doctor" in continued.output
         assert not board.contact_events
     rig = Rig.load(path)
+    assert path.stat().st_mode & 0o777 == 0o600
     assert (rig.supply.voltage_v, rig.board.channels) == (12, 8) and path.read_text().startswith("# mine\n")
+
+
+def test_ctrl_c_at_a_question_about_heat_stops_everything(tmp_path):
+    path = tmp_path / "rig.yaml"
+    with emulated("lcus", 8) as board:
+        words = ("-m", "eldir", "rig", "setup", "--out", path, "--port", board.port, *options())
+        with at_a_terminal(*words, "--warm") as (program, person):
+            person.answer("Switch the heating supply on, then press Enter", "")
+            person.wait_for("Did spring 0 front grow warm?")
+            program.send_signal(signal.SIGINT)
+            assert program.wait(20) == 130
+            said = person.read_rest()
+        assert [(e.channel, e.closed) for e in board.contact_events] == [(1, True), (1, False)]
+        assert "all contacts are open" in said and f"the answers so far are in {path}" in said
+        refused = run("setup", "--out", path, "--port", board.port, *options())
+        assert refused.exit_code == 1 and "FAIL  emergency stop" in refused.output
+        assert run("reset", "--rig", path).exit_code == 0
 
 
 @pytest.mark.parametrize("missing", [*ANSWERS, "--port", "--in-series"])
@@ -188,6 +214,19 @@ def test_a_missing_answer_without_a_terminal_is_refused_by_name(missing, tmp_pat
         words = options(**{missing[2:].replace("-", "_"): None})[missing == "--in-series" :]
         refused = run("setup", "--out", tmp_path / "rig.yaml", *given, *words)
     assert refused.exit_code == 2 and f"Invalid value for {missing}: its answer is missing" in refused.output
+
+
+def test_a_rig_that_would_not_arm_is_not_told_to_be_ready(tmp_path):
+    """A contactor stays closed where the board does not open it by itself; a contact is too weak."""
+    with emulated("lcus", 8) as board:
+        for changes, said in (
+            ({"cutoff": "contactor", "cutoff_value": "8"}, "a board that times its pulses"),
+            ({"contact_rating": "2"}, "the current exceeds the relay contacts' rating"),
+        ):
+            path = tmp_path / f"{len(said)}.yaml"
+            result = run("setup", "--out", path, "--port", board.port, *options(**changes))
+            assert result.exit_code == 1 and "FAIL  a welded contact" in result.output
+            assert said in result.output and "next: correct it" in result.output
 
 
 def test_what_is_unknown_stays_null_and_nothing_heats(tmp_path):

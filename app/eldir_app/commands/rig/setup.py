@@ -32,6 +32,9 @@ def setup(
         ),
     ] = None,
     channels: Annotated[_Text, typer.Option(help="Number of relays on the board.")] = None,
+    contact_rating: Annotated[
+        _Text, typer.Option(help="Current that one relay contact may carry [A].")
+    ] = None,
     voltage: Annotated[_Text, typer.Option(help="Voltage of the heating supply [V].")] = None,
     outputs: Annotated[
         _Text, typer.Option(help="each or shared: one limited output for each channel, or for all.")
@@ -100,9 +103,23 @@ def setup(
     draft = RigDraft(out)
     series = None if in_series is None else "yes" if in_series else "no"
     config = SetupConfig(
-        port, board, series, channels, voltage, outputs, current_limit, resistance, room, fan, fan_channel,
-        cutoff, cutoff_value, camera, tags,
-    )  # fmt: skip
+        port=port,
+        board=board,
+        in_series=series,
+        channels=channels,
+        contact_rating=contact_rating,
+        voltage=voltage,
+        outputs=outputs,
+        current_limit=current_limit,
+        resistance=resistance,
+        room=room,
+        fan=fan,
+        fan_channel=fan_channel,
+        cutoff=cutoff,
+        cutoff_value=cutoff_value,
+        camera=camera,
+        tags=tags,
+    )
     questions = Questions(draft, config, dialogue)
     try:
         if draft.is_begun:
