@@ -134,7 +134,7 @@ def test_a_student_sets_up_a_rig_whose_springs_are_swapped(tmp_path):
         person.answer("Longest time", "6.3")
         person.answer("Camera:", "camera:x")
         person.answer("invalid name of a camera", "none")
-        person.type_ahead("yes")  # no answer to what is asked later
+        person.type_ahead("no")  # no answer to what is asked later
         person.answer("Warm one spring after the other", "yes")
         assert not board.contact_events
         person.wait_for("channel 1:")
