@@ -26,6 +26,7 @@ from eldir.terrain import Terrain
 
 _EQUAL = 0.1  # body lengths per five cycles: walks that differ by less count as equal
 _HALVINGS = 5
+_LEAST_SHARE = 0.5**_HALVINGS
 RISK = 0.5
 """Standard deviations by which the fitness of a walk is below its mean. It covers the error of the mean of
 four and more samples, and asks for robots that walk whatever their feet are like (decision 38)."""
@@ -152,8 +153,13 @@ class IdentifiedRobots(RobotDistribution):
     def _robot_at(
         self, z: FloatArray, strips: FloatArray, feet: FloatArray, share: float = 1.0
     ) -> RobotParameters:
-        """The robot at this share of the way from the most probable robot to a sample."""
-        robot = replace(self.robot.at(self.parameters, share * z), feet=np.exp(share * feet))
+        """The robot at this share of the way from the most probable robot to a sample; nearer where springs
+        would not get longer when heated, as wide covariances allow."""
+        while True:
+            robot = replace(self.robot.at(self.parameters, share * z), feet=np.exp(share * feet))
+            if share < _LEAST_SHARE or robot.has_stroke(self.morphology.motors):
+                break
+            share /= 2
         return replace(robot, strips=share * STRIP_SPREAD * strips) if len(strips) else robot
 
 

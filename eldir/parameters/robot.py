@@ -31,6 +31,7 @@ SPRING_SPREADS = {n: p.between_springs for n, p in PARAMETERS.items() if p.betwe
 temperatures [K]). Sources: 1.5 mm of length; contacts and leads; the place in the fan's stream; the wire's
 composition."""
 _FACES = 2
+_MIN_STROKE = 1e-3  # [m]
 _STRIP, _SPRING = "strip", "spring"
 
 
@@ -74,8 +75,17 @@ class RobotParameters(Record):
 
     @property
     def free_lengths(self) -> tuple[float, float]:
-        """Cold and hot free length of the springs [m], as `eldir.built.motion.drive` takes them."""
-        return self.springs.cold_length, self.springs.hot_length
+        """Cold and hot free length of the springs [m], as `eldir.built.motion.drive` takes them: apart by a
+        millimetre at least, also at values of uncertain parameters that no spring has."""
+        cold, hot = self.springs.cold_length, self.springs.hot_length
+        return cold, max(hot, cold + _MIN_STROKE)
+
+    def has_stroke(self, motors: int) -> bool:
+        """Whether the springs of all motors are longer hot than cold."""
+        return all(
+            one.hot_length > one.cold_length + _MIN_STROKE
+            for one in (self.springs, *self.motor_springs(motors))
+        )
 
     def motor_springs(self, motors: int) -> list[SpringParameters]:
         """Parameters of the spring of each of `motors` motors. Raises `InputError` where `own_springs` has

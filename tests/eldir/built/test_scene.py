@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import jsonschema
@@ -46,6 +47,25 @@ def test_a_file_of_format_1_gives_the_robots_it_gave(monkeypatch: pytest.MonkeyP
     (walks,) = sample_walks(robots, [WALKED], 3, 5)
     before = [-0.005502036820125717, -0.005378421133791828, -0.0058492852212311585]
     assert walks.displacement == pytest.approx(before, abs=1e-9)
+
+
+def test_springs_of_every_sample_get_longer_when_they_are_heated() -> None:
+    """Also where films leave both lengths unknown, twice as wide as the priors; others are as drawn."""
+    scene, design = PrintedScene.load(OLD), design_of("0123456789ab")
+    names, wide = ("hot_length", "cold_length"), 4.0 * np.eye(2)
+    robots = replace(IdentifiedRobots.of(design, scene), parameters=names, covariance=wide)
+    samples = robots.samples(200, 1)
+    drawn = [
+        scene.robot.at(names, 2.0 * np.random.default_rng([1, i]).standard_normal(2)) for i in range(200)
+    ]
+    possible = [one.has_stroke(2) for one in drawn]
+    assert 100 < sum(possible) < 190 and all(one.has_stroke(2) for one in samples)
+    lengths = np.array([[one.free_lengths for one in some] for some in (samples, drawn)])
+    assert np.array_equal(lengths[0, possible], lengths[1, possible])
+    impossible = next(one for one, has in zip(drawn, possible, strict=True) if not has)
+    cold, hot = impossible.free_lengths
+    assert hot > cold, "a fit may ask for it"
+    assert np.isfinite(sample_walks(robots, [WALKED], 8, 1, cycles=1)[0].displacement).any()
 
 
 def test_a_file_of_format_1_is_written_as_the_present_one(tmp_path: Path) -> None:
