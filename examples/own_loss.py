@@ -7,7 +7,7 @@ gradient with respect to the controller comes out.
 import numpy as np
 
 import eldir
-from eldir.training.fitting import motion_gradient
+from eldir.training.gradients import motion_gradient
 
 rng = np.random.default_rng(5)
 lattice = eldir.Lattice(rows=6, columns=11)

@@ -20,7 +20,7 @@ from eldir.parameters.robot import RobotParameters
 from eldir.rollout import loss_and_gradient
 from eldir.scene import Scene
 from eldir.terrain import Terrain
-from eldir.training.fitting import motion_gradient
+from eldir.training.gradients import motion_gradient
 from tests.eldir.built.braced_robots import COLD, braced
 from tests.eldir.engine.random_robots import SMALL, robots
 

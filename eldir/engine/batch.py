@@ -33,6 +33,7 @@ from eldir.engine.kernels.learning_launch import (
 from eldir.engine.pack import (
     ORIGIN,
     Batch,
+    MotionCotangents,
     dtype,
     pack,
     pack_cotangents,
@@ -56,7 +57,7 @@ _EPSILON, _MIN_GRADIENT = 1e-10, 1e-6
 """What keeps distances [m], speeds [m/s] and the gradient's norm from dividing by zero."""
 _SENSING_SCALE = 0.05
 _RELEASED_BIAS_GAIN = 3.0  # two constant inputs beside the bias move it by three gradients
-_INDEX_LIMIT = 2**31  # the kernel counts in 32 bits
+INDEX_LIMIT = 2**31  # the kernel counts in 32 bits
 
 
 @dataclass
@@ -111,6 +112,8 @@ class BatchConfig:
     """Whether the loss is differentiated with respect to physics too."""
     record: bool = False
     """Whether states are recorded."""
+    keep: bool = False
+    """Whether the states stay in the workspaces, of which every robot then has one (`eldir.engine.kept`)."""
     shortcuts: Shortcuts = ALL
     update_length: float = 0.0
     """Length of an update in the space of all weights."""
@@ -122,12 +125,11 @@ def run_batch(
     scene: Scene,
     physics: Sequence[Physics] | None = None,
     config: BatchConfig = BatchConfig(),
-    cotangents: Sequence[FloatArray] | None = None,
+    cotangents: Sequence[MotionCotangents] | None = None,
 ) -> BatchResult:
     """Simulate all robots and, as configured, differentiate or train them.
 
-    With `cotangents`, (T + 1, M, 2) for each robot, differentiate the sum of the positions times them instead
-    of the loss.
+    With `cotangents`, differentiate the sum of each robot's motion times them instead of the loss.
     """
     return prepare(morphologies, controllers, scene, physics, config, cotangents)()
 
@@ -138,7 +140,7 @@ def prepare(
     scene: Scene,
     physics: Sequence[Physics] | None = None,
     config: BatchConfig = BatchConfig(),
-    cotangents: Sequence[FloatArray] | None = None,
+    cotangents: Sequence[MotionCotangents] | None = None,
 ) -> Callable[[], BatchResult]:
     """Packs everything and returns the function that computes. Its second call starts from the weights that
     the first call learned."""
@@ -150,26 +152,34 @@ def prepare(
         return lambda: _compute_on_device(batch, task)
     start()
     record_at = _record_offsets(batch, scene, config)
-    launch = _launch(batch, scene, config, cotangents, record_at)
-    kernel = learning_kernel(scene.precision)
+    launch = make_launch(batch, scene, config, cotangents, record_at)
+    return lambda: run_launch(launch, batch, scene, config, owns, record_at)
 
-    def compute() -> BatchResult:
-        d_physics = launch.physics_gradients.values
-        launch.queue[0], launch.losses[:], d_physics[:], launch.growth[:] = 0, np.inf, 0.0, 0.0
-        set_compile_options(scene.precision)
-        kernel(launch)
-        losses = launch.losses.astype(np.float64).reshape(len(owns), config.iterations + 1)
-        growth = launch.growth.astype(np.float64).reshape(losses.shape)
-        if config.physics_gradients:
-            _discard_overflows(launch, losses, batch)
-        gradients = physics_gradients(d_physics, batch, scene, owns) if config.physics_gradients else []
-        staggered = scene.integrator == "second-order"
-        return BatchResult(
-            batch, losses, launch.status, growth, launch.best.ravel(), launch.record.ravel(), record_at,
-            staggered, gradients,
-        )  # fmt: skip
 
-    return compute
+def run_launch(
+    launch: LearningLaunch,
+    batch: Batch,
+    scene: Scene,
+    config: BatchConfig,
+    physics: Sequence[Physics],
+    record_at: NDArray[np.int32],
+) -> BatchResult:
+    """The results of the kernel for these arguments."""
+    d_physics = launch.physics_gradients.values
+    launch.queue[0], launch.losses[:], d_physics[:], launch.growth[:] = 0, np.inf, 0.0, 0.0
+    set_compile_options(scene.precision)
+    learning_kernel(scene.precision)(launch)
+    losses = launch.losses.astype(np.float64).reshape(len(physics), config.iterations + 1)
+    growth = launch.growth.astype(np.float64).reshape(losses.shape)
+    gradients = []
+    if config.backward and config.physics_gradients:
+        _discard_overflows(launch, losses, batch)
+        gradients = physics_gradients(d_physics, batch, scene, physics)
+    staggered = scene.integrator == "second-order"
+    return BatchResult(
+        batch, losses, launch.status, growth, launch.best.ravel(), launch.record.ravel(), record_at,
+        staggered, gradients,
+    )  # fmt: skip
 
 
 def _discard_overflows(launch: LearningLaunch, losses: NDArray[np.float64], batch: Batch) -> None:
@@ -184,11 +194,11 @@ def _discard_overflows(launch: LearningLaunch, losses: NDArray[np.float64], batc
             own[:], best[batch.weight_at[r] : batch.weight_at[r + 1]] = 0.0, 0.0
 
 
-def _launch(
+def make_launch(
     batch: Batch,
     scene: Scene,
     config: BatchConfig,
-    cotangents: Sequence[FloatArray] | None,
+    cotangents: Sequence[MotionCotangents] | None,
     record_at: NDArray[np.int32],
 ) -> LearningLaunch:
     """The kernel's arguments, with room for its results."""
@@ -198,9 +208,9 @@ def _launch(
     workspace_offsets = np.array([layout.workspace_offsets(n, states) for n in batch.sizes])
     workspace = int(workspace_offsets[:, -1].max())
     workers = _workers(robots, workspace, scene)
-    memory = aligned(workspace * workers, real)
+    memory = aligned(workspace * (robots if config.keep else workers), real)
     physics_at = batch.physics_offsets(config.physics_gradients)
-    packed_cotangents, cotangents_at = pack_cotangents(cotangents, batch, scene)
+    packed_cotangents, cotangents_at, given = pack_cotangents(cotangents, batch, scene)
     begins = (
         batch.cell_at, batch.mass_at, batch.motor_at, batch.weight_at, record_at, physics_at, cotangents_at,
     )  # fmt: skip
@@ -208,7 +218,7 @@ def _launch(
     weights = batch.weights
     return LearningLaunch(
         robots=robots, workers=workers, workspace=workspace,
-        settings=_settings(scene, config, cotangents is not None, states, ring),
+        settings=_settings(scene, config, given, states, ring),
         scene=_scene_constants(scene), rule=_update_rule(scene, config.update_length),
         ground=_ground_arrays(scene, config.shortcuts.grid), cpgs=pack_cpgs(scene).reshape(-1, 16),
         queue=aligned(1, np.int32), offsets=packed(offsets_by_robot, np.int32),
@@ -236,14 +246,14 @@ def _record_offsets(batch: Batch, scene: Scene, config: BatchConfig) -> NDArray[
     return offsets([n.recorded_rows * states for n in batch.sizes])
 
 
-def _settings(scene: Scene, config: BatchConfig, cotangents: bool, states: int, ring: int) -> RunSettings:
+def _settings(scene: Scene, config: BatchConfig, cotangents_given: int, states: int, ring: int) -> RunSettings:
     shortcuts = config.shortcuts
     return RunSettings(
         steps=scene.steps, window=scene.window or scene.steps, iterations=config.iterations,
-        backward=config.backward, record=config.record,
+        kept=config.keep, resumed=False, backward=config.backward, record=config.record,
         contact=_contact_model(scene, shortcuts.no_contact and not config.physics_gradients),
         staggered=scene.integrator == "second-order", physics_gradients=config.physics_gradients,
-        cotangents_given=cotangents, states=states, ring=ring - 1,
+        cotangents_given=cotangents_given, states=states, ring=ring - 1,
         closed_loop=not (scene.sensing == "none" and shortcuts.no_sensing),
         control_passive=not shortcuts.no_controller, stop_on_divergence=shortcuts.stop,
     )  # fmt: skip
@@ -314,12 +324,12 @@ def _contact_model(scene: Scene, skip_free_flight: bool) -> int:
 
 def _workers(robots: int, workspace: int, scene: Scene) -> int:
     """Number of workers: limited by threads, robots, and 32-bit indices."""
-    if workspace >= _INDEX_LIMIT:
+    if workspace >= INDEX_LIMIT:
         per_step = workspace / scene.steps
         raise InputError(
             "Scene.steps is too large for this robot",
             code="scene.too-many-steps",
-            expected=f"at most {int(_INDEX_LIMIT / per_step):,}",
+            expected=f"at most {int(INDEX_LIMIT / per_step):,}",
             found=f"{scene.steps:,}",
         )
-    return min(worker_threads(), robots, (_INDEX_LIMIT - 1) // workspace)
+    return min(worker_threads(), robots, (INDEX_LIMIT - 1) // workspace)

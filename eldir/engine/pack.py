@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -23,6 +24,17 @@ from eldir.scene import Scene
 ORIGIN = np.array([0.25, 0.1])
 """Origin of the kernel's coordinates [m]: under the middle of a robot on flat ground. Float32 is finest
 near 0, and what is lost of positions is what gradients lose (docs/reference/accuracy.md)."""
+
+
+class MotionCotangents(NamedTuple):
+    """Derivatives of a function of one robot's motion over T steps."""
+
+    positions: FloatArray
+    """With respect to the positions of all states, shape (T + 1, M, 2)."""
+    velocities: FloatArray | None = None
+    """With respect to the velocities of all states, shape (T + 1, M, 2); None: it does not depend on them."""
+    activations: FloatArray | None = None
+    """With respect to the activations of the active springs, shape (T, A); None: it does not depend on them."""
 
 
 @dataclass
@@ -186,26 +198,32 @@ def pack_cpgs(scene: Scene) -> NDArray:
 
 
 def pack_cotangents(
-    cotangents: Sequence[FloatArray] | None, batch: Batch, scene: Scene
-) -> tuple[NDArray, NDArray[np.int32]]:
-    """Cotangents in the kernel's layout, and where each robot's begin. `cotangents` are gradients with
-    respect to the positions of all states, (T + 1, M, 2) for each robot.
+    cotangents: Sequence[MotionCotangents] | None, batch: Batch, scene: Scene
+) -> tuple[NDArray, NDArray[np.int32], int]:
+    """Cotangents in the kernel's layout, where each robot's begin, and `RunSettings.cotangents_given`.
 
     Where the kernel's positions are half a step ahead, a state's position is the mean of two of them.
     """
     if cotangents is None:
-        return aligned(layout.LANES, dtype(scene)), offsets([0] * len(batch.sizes))
-    at = offsets([2 * n.cells * (scene.steps + 1) for n in batch.sizes])
+        return aligned(layout.LANES, dtype(scene)), offsets([0] * len(batch.sizes)), 0
+    complete = any(c.velocities is not None or c.activations is not None for c in cotangents)
+    lanes = [n.recorded_rows if complete else 2 * n.cell_rows for n in batch.sizes]
+    at = offsets([layout.LANES * n * (scene.steps + 1) for n in lanes])
     flat = aligned(int(at[-1]), dtype(scene))
     for r, (given, n, grid) in enumerate(zip(cotangents, batch.sizes, batch.grids, strict=True)):
-        shifted = given.copy()
+        states = flat[at[r] : at[r + 1]].reshape(scene.steps + 1, -1)
+        positions = given.positions
         if scene.integrator == "second-order":
-            shifted[0] = 0  # where a robot begins depends on nothing
-            shifted[1:] *= 0.5
-            shifted[:-1] += shifted[1:]
-        states = flat[at[r] : at[r + 1]].reshape(scene.steps + 1, 2, n.cells)
-        states[:, :, grid.cell] = shifted.transpose(0, 2, 1)
-    return flat, at
+            positions = 0.5 * positions
+            positions[0] = 0  # where a robot begins depends on nothing
+            positions[:-1] += positions[1:]
+        for c in range(2):
+            states[:, c * n.cells + grid.cell] = positions[:, :, c]
+            if given.velocities is not None:
+                states[:, (2 + c) * n.cells + grid.cell] = given.velocities[:, :, c]
+        if given.activations is not None:
+            states[:-1, 4 * n.cells : 4 * n.cells + n.motors] = given.activations
+    return flat, at, 2 if complete else 1
 
 
 def physics_gradients(

@@ -1,8 +1,4 @@
-"""Gradients of a motion with respect to controllers and physics, and fitting a robot's physics to an observed
-motion.
-
-One reverse sweep of the engine gives all gradients of the loss, or of any function of the positions. It costs
-about one more simulation, however many springs and masses a robot has.
+"""Fitting a robot's physics to an observed motion, by gradients through the simulation.
 
 Example: find the stiffness of a robot and the friction of its ground from 0.4 s of its motion.
 
@@ -35,21 +31,14 @@ import numpy as np
 from scipy.optimize import minimize
 
 from eldir.controller import Controller
-from eldir.core.arguments import require_count, require_known, require_shape, require_value
-from eldir.core.records import BoolArray, FloatArray, IntArray, Record
-from eldir.engine.stable_step import subdivide_steps
-from eldir.engine.validity import OK, REFUSED
+from eldir.core.arguments import require_known, require_shape, require_value
+from eldir.core.records import BoolArray, FloatArray, Record
+from eldir.engine.validity import OK
 from eldir.morphology import Morphology
-from eldir.physics import GRIPPING, Physics, resolve_physics
-from eldir.rollout import (
-    check_controllers,
-    group_by_substeps,
-    scene_step,
-    select_from,
-    simulate,
-    split_by_memory,
-)
+from eldir.physics import GRIPPING, Physics
+from eldir.rollout import simulate
 from eldir.scene import Scene
+from eldir.training.gradients import motion_gradient
 
 FIT_PARAMETERS = (
     "stiffness",
@@ -69,21 +58,6 @@ _MIN_IMPROVEMENT = 1e-14  # the fit ends at a smaller improvement, relative to t
 
 
 @dataclass(frozen=True, eq=False)
-class MotionGradient(Record):
-    """The gradient of a function of the motion, for each of n robots."""
-
-    losses: FloatArray
-    """The losses [m], shape (n,); infinite for a robot that diverged or was refused, or whose gradient
-    overflowed. Its gradients are zero."""
-    controllers: tuple[Controller, ...]
-    """The gradient with respect to each controller's weights."""
-    physics: tuple[Physics, ...]
-    """The gradient with respect to each robot's physics, per unit of each parameter."""
-    status: IntArray
-    """Status of each robot, shape (n,), as of `eldir.rollout.LossesAndGradients`."""
-
-
-@dataclass(frozen=True, eq=False)
 class PhysicsFit(Record):
     """Physics fitted to an observed motion, by K parameters."""
 
@@ -96,52 +70,6 @@ class PhysicsFit(Record):
     motion; infinite where the motion does not depend on a parameter."""
     distance: float
     """Root mean square distance from the observed positions [m]."""
-
-
-def motion_gradient(
-    morphologies: Sequence[Morphology],
-    controllers: Sequence[Controller],
-    scene: Scene,
-    physics: Sequence[Physics] | None = None,
-    cotangents: Sequence[FloatArray] | None = None,
-) -> MotionGradient:
-    """The gradient of the loss, or of your own function, with respect to controllers and physics.
-
-    For your own function give `cotangents`: its derivatives with respect to the positions that `simulate`
-    returns, shape (T + 1, M, 2) for each robot. Raises `InputError` where a shape is wrong or the scene has a
-    window.
-    """
-    from eldir.engine import batch
-
-    scene.require_controller()
-    check_controllers(morphologies, controllers)
-    owns = resolve_physics(morphologies, scene, physics)
-    _check_cotangents(morphologies, scene, cotangents)
-    losses, status = np.full(len(morphologies), np.inf), np.full(len(morphologies), REFUSED, np.int32)
-    slopes = [b.scaled(0.0) for b in controllers]
-    physical = [own.scaled(0.0) for own in owns]
-    for parts, chosen in group_by_substeps(morphologies, scene, owns):
-        finer = subdivide_steps(scene, parts)
-        bodies, brains, own = select_from(chosen, morphologies, controllers, owns)
-        for part in split_by_memory(bodies, finer.steps):
-            here = chosen[part]
-            spread = None
-            if cotangents is not None:
-                spread = [_spread_over_substeps(cotangents[i], parts) for i in here]
-            outcome = batch.run_batch(
-                bodies[part],
-                brains[part],
-                finer,
-                own[part],
-                config=batch.BatchConfig(backward=True, physics_gradients=True),
-                cotangents=spread,
-            )
-            losses[here] = outcome.losses[:, 0]
-            status[here] = [scene_step(step, parts) for step in outcome.status]
-            trained = outcome.batch.controllers(outcome.best)
-            for i, weights, found in zip(here, trained, outcome.physics, strict=True):
-                slopes[i], physical[i] = weights, found
-    return MotionGradient(losses, tuple(slopes), tuple(physical), status)
 
 
 def fit_physics(
@@ -254,27 +182,7 @@ def _scaled_values(body: Morphology, parameter: str) -> tuple[str, BoolArray]:
     return parameter.replace(" ", "_"), np.array(True)
 
 
-def _spread_over_substeps(cotangent: FloatArray, parts: int) -> FloatArray:
-    """The same cotangents where every step is divided: zero between the scene's steps."""
-    finer = np.zeros(((len(cotangent) - 1) * parts + 1, *cotangent.shape[1:]))
-    finer[::parts] = cotangent
-    return finer
-
-
 def _check_parameters(parameters: Sequence[str], scene: Scene) -> None:
     require_known("parameter to fit", parameters or "none", FIT_PARAMETERS)
     gripping = scene.contact in GRIPPING or "friction" not in parameters
     require_value("Scene.contact", gripping, "'friction', where friction is fitted", repr(scene.contact))
-
-
-def _check_cotangents(
-    bodies: Sequence[Morphology], scene: Scene, cotangents: Sequence[FloatArray] | None
-) -> None:
-    whole = "None: gradients with respect to physics are those of whole rollouts"
-    require_value("Scene.window", scene.window is None, whole, scene.window)
-    if cotangents is None:
-        return
-    require_count("cotangents", len(cotangents), len(bodies))
-    for i, (body, cotangent) in enumerate(zip(bodies, cotangents, strict=True)):
-        wanted = (scene.steps + 1, *body.positions.shape)
-        require_shape(f"cotangents of robot {i}", np.shape(cotangent), wanted)

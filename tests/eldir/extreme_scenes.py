@@ -18,7 +18,7 @@ from eldir.rollout import LossesAndGradients, loss_and_gradient, simulate
 from eldir.scene import Integrator, Scene
 from eldir.terrain import Terrain
 from eldir.training.configuration import TrainingConfig
-from eldir.training.fitting import motion_gradient
+from eldir.training.gradients import motion_gradient
 from eldir.training.loop import initial_controllers
 from tests.eldir.engine.random_robots import SMALL, robots
 

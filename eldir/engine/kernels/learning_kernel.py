@@ -62,7 +62,10 @@ def learning_kernel(precision: str) -> Callable[[LearningLaunch], None]:
             n = ti.static(layout.size(at.masses, at.motors, at.cells, at.reach))
             inverse_count = ti.cast(1, simd.real) / n.masses
             body = ti.static(robot_view(simd, launch, scalars, n, inverse_count, at))
-            memory = ti.static(workspace_view(launch, worker, n, r))
+            owner = worker
+            if launch.settings.kept:
+                owner = r
+            memory = ti.static(workspace_view(launch, owner, n, r))
             weights = ti.static(weights_view(launch, n, at))
             robot = ti.static(body._replace(weights=weights, work=memory.scratch))
             clear_springs(robot)
@@ -79,7 +82,7 @@ def train(body: ti.template(), launch: ti.template(), r, at: ti.template(), hist
     does not count."""
     settings, n, weights = ti.static(launch.settings, body.n, body.weights)
     robot = ti.static(body._replace(d_physics=physics_gradients_view(launch, n, at)))
-    cotangents = ti.static(cotangents_view(launch, at))
+    cotangents = ti.static(cotangents_view(launch, n, at))
     g_weights = ti.static(robot.work.g_weights)
     iterations, rows = settings.iterations, n.weight_rows
     controlled = n.motors > 0 or settings.control_passive
@@ -88,7 +91,10 @@ def train(body: ti.template(), launch: ti.template(), r, at: ti.template(), hist
     for i in range(iterations + 1):
         if controlled:
             transpose_weights(robot)
-        status = rollout(robot, history, settings.steps)
+        if settings.resumed:
+            status = launch.status[r]
+        else:
+            status = rollout(robot, history, settings.steps)
         if status != OK:
             break
         loss = mean_displacement_loss(robot, history, settings.steps)
@@ -193,13 +199,29 @@ def set_final_gradient(robot: ti.template(), share):
 
 @ti.func
 def add_cotangent(robot: ti.template(), cotangents: ti.template(), t):
-    """Adds the given cotangent of the positions of state t to their gradient."""
+    """Adds the given cotangents of the positions and velocities of state t to their gradients."""
+    g = ti.static(robot.work.g)
+    rows, q = robot.n.cell_rows, t * cotangents.stride
     if cotangents.given:
-        g = ti.static(robot.work.g)
-        rows = robot.n.cell_rows
         for i in range(rows):
-            g.x[i] = g.x[i] + cotangents.positions[2 * rows * t + i]
-            g.y[i] = g.y[i] + cotangents.positions[2 * rows * t + rows + i]
+            g.x[i] = g.x[i] + cotangents.states[q + i]
+            g.y[i] = g.y[i] + cotangents.states[q + rows + i]
+    if cotangents.complete:
+        for i in range(rows):
+            g.vx[i] = g.vx[i] + cotangents.states[q + 2 * rows + i]
+            g.vy[i] = g.vy[i] + cotangents.states[q + 3 * rows + i]
+
+
+@ti.func
+def add_action_cotangent(
+    robot: ti.template(), now: ti.template(), cotangents: ti.template(), t, delta: ti.template()
+):
+    """Adds the given cotangents of the activations of state t, before tanh, to their deltas."""
+    if cotangents.complete:
+        q = t * cotangents.stride + 4 * robot.n.cell_rows
+        for b in range(2 * robot.n.motor_blocks):
+            action = now.action[b]
+            delta[b] = delta[b] + cotangents.states[q + b] * (1.0 - action * action)
 
 
 @ti.func
@@ -231,7 +253,10 @@ def differentiate(robot: ti.template(), history: ti.template(), cotangents: ti.t
             add_cotangent(robot, cotangents, t + 1)
         now = ti.static(history.at(t))
         advance_masses_adjoint(robot, now)
-        spring_impulses_adjoint(robot, now, ti.static(work.action_deltas + kept * n.padded_motors))
+        deltas = ti.static(work.action_deltas + kept * n.padded_motors)
+        spring_impulses_adjoint(robot, now, deltas)
+        if ti.static(robot.physics_gradients):
+            add_action_cotangent(robot, now, cotangents, t, deltas)
         if controlled:
             actuate_adjoint(robot, now, ti.static(history.at(ti.max(t - 1, 0))), t, kept)
         if ti.static(robot.staggered):

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 from eldir.engine.grid import FAMILIES
 from eldir.engine.kernels import layout
-from eldir.engine.kernels.memory import Column, Memory
+from eldir.engine.kernels.memory import Column, Memory, local
 from eldir.engine.kernels.simd import Simd
 from eldir.engine.runtime import Constant, Count, Integers, Lanes, Number, Ones, Pairs, Quads, Rows, Values
 
@@ -20,6 +20,10 @@ class RunSettings(NamedTuple):
     """Steps through which a gradient is traced back."""
     iterations: Count
     """Number of updates; with 0 the result is the gradient itself."""
+    kept: Count
+    """Whether every robot, not every worker, has a workspace of its own, which outlasts the launch."""
+    resumed: Count
+    """Whether the states are in the workspaces of an earlier launch, and are not simulated again."""
     backward: Count
     """Whether gradients are computed."""
     record: Count
@@ -31,7 +35,8 @@ class RunSettings(NamedTuple):
     physics_gradients: Constant
     """Whether the gradient with respect to physics is computed."""
     cotangents_given: Count
-    """Whether `cotangents` replace the loss."""
+    """1 where `cotangents` of positions replace the loss, 2 where there are those of velocities and activations
+    too."""
     states: Count
     """Number of states that the history has room for."""
     ring: Count
@@ -137,7 +142,7 @@ class LearningLaunch(NamedTuple):
     robots: Count
     workers: Count
     workspace: Count
-    """Values of `work` for each worker."""
+    """Values of `work` for each worker or, where they are kept, for each robot."""
     settings: RunSettings
     scene: SceneConstants
     rule: UpdateRule
@@ -168,7 +173,7 @@ class LearningLaunch(NamedTuple):
     physics_gradients: ValuesAndLanes
     """Gradients with respect to physics (`layout.PhysicsGradients`)."""
     cotangents: Lanes
-    """For every state x, then y, by cell."""
+    """For every state x, then y, by cell; where all are given, also vx, vy and activations, as in `record`."""
 
 
 class Ground(NamedTuple):
@@ -246,11 +251,15 @@ class Robot(NamedTuple):
 
 
 class Cotangents(NamedTuple):
-    """Gradients of another function with respect to all positions; they replace the loss if `given`."""
+    """Gradients of another function with respect to all states; they replace the loss if `given`."""
 
     given: Any
-    positions: Column
-    """For every state x, then y."""
+    complete: Any
+    """Whether those of velocities and activations are given too."""
+    stride: Any
+    """Rows of 16 values from one state to the next."""
+    states: Column
+    """For every state x, then y; where complete, then vx, vy and the activations."""
 
 
 def constants(
@@ -293,10 +302,10 @@ def robot_view(
     )  # fmt: skip
 
 
-def workspace_view(launch: LearningLaunch, worker: Any, n: layout.Size, r: Any) -> layout.WorkerMemory:
-    """The part of `launch.work` that belongs to this worker, laid out for robot `r`."""
+def workspace_view(launch: LearningLaunch, owner: Any, n: layout.Size, r: Any) -> layout.WorkerMemory:
+    """The part of `launch.work` that belongs to this worker or robot, laid out for robot `r`."""
     table = layout.OffsetTable(launch.workspace_offsets, r * launch.blocks)
-    settings, first = launch.settings, worker * launch.workspace
+    settings, first = launch.settings, owner * launch.workspace
     return layout.workspace(Memory(*launch.work), first, n, settings.states, settings.ring, table)
 
 
@@ -314,6 +323,8 @@ def physics_gradients_view(
     return layout.physics_gradients(memory, at.physics_gradients_at, n)
 
 
-def cotangents_view(launch: LearningLaunch, at: layout.RobotOffsets) -> Cotangents:
-    positions = Column(Memory(lanes=launch.cotangents), at.cotangents_at)
-    return Cotangents(launch.settings.cotangents_given, positions)
+def cotangents_view(launch: LearningLaunch, n: layout.Size, at: layout.RobotOffsets) -> Cotangents:
+    given = launch.settings.cotangents_given
+    complete = local(given >> 1)
+    stride = local(2 * n.cell_rows + complete * (n.recorded_rows - 2 * n.cell_rows))
+    return Cotangents(given, complete, stride, Column(Memory(lanes=launch.cotangents), at.cotangents_at))

@@ -2,7 +2,7 @@
 
 Written from the equations (paper, Sect. Simulation; docs/reference/built.md), one robot and one step
 at a time, forward only, float64. A step of the paper's robots is analytic wherever it is smooth: with an
-imaginary part of 1e-30 on what it depends on, it carries exact derivatives along (`complex_slope`).
+imaginary part of 1e-30 on what it depends on, it carries exact derivatives along (`complex_slopes`).
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import numpy as np
 
 from eldir.built.robot import PrintedRobot
 from eldir.controller import Controller
+from eldir.engine.pack import MotionCotangents
 from eldir.morphology import Morphology
 from eldir.physics import Physics
 from eldir.scene import Scene
@@ -155,19 +156,21 @@ def paper_rollout(
     return xs, np.array(vs), np.array(activations)
 
 
-def complex_slope(
+def complex_slopes(
     body: Morphology, brain: Controller, scene: Scene, physics: Physics, along: Physics, weights: Controller,
-    pull: np.ndarray | None,
-) -> float:  # fmt: skip
-    """Change of the loss or, with a pull (T + 1, M, 2), of its product with the positions, as physics change
-    by `along` and the controller by `weights`: by a complex step, which has no rounding error to speak of."""
+    *pulls: MotionCotangents,
+) -> list[float]:  # fmt: skip
+    """Changes of the loss and of each pull's product with the motion, as physics change by `along` and the
+    controller by `weights`: by a complex step, which has no rounding error to speak of."""
     own, acting = (
         SimpleNamespace(**{f.name: getattr(r, f.name) + 1e-30j * getattr(d, f.name) for f in fields(r)})
         for r, d in ((physics, along), (brain, weights))
     )
-    x, _, _ = paper_rollout(body, acting, scene, own)
-    value = (x[0] - x[-1])[:, 0].mean() if pull is None else (pull * x).sum()
-    return float(value.imag / 1e-30)
+    motion = paper_rollout(body, acting, scene, own)
+    values = [(motion[0][0] - motion[0][-1])[:, 0].mean()]
+    for pull in pulls:
+        values.append(sum((p * m).sum() for p, m in zip(pull, motion, strict=True) if p is not None))
+    return [float(value.imag / 1e-30) for value in values]
 
 
 def strip_force(stretch: float, length: float, tension: float, buckling: float) -> float:

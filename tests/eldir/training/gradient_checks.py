@@ -5,14 +5,15 @@ from dataclasses import fields, replace
 import numpy as np
 
 from eldir.controller import Controller
+from eldir.engine.pack import MotionCotangents
 from eldir.lattice import Lattice
 from eldir.morphology import Morphology
 from eldir.physics import Physics
 from eldir.rollout import loss_and_gradient, simulate
 from eldir.scene import Scene
-from eldir.training.fitting import motion_gradient
+from eldir.training.gradients import motion_gradient
 from tests.eldir.engine.random_robots import WEIGHTS, like, moved, robots
-from tests.eldir.engine.twin import complex_slope
+from tests.eldir.engine.twin import complex_slopes
 from tests.eldir.random_physics import PAPER, RUGGED, drawn
 
 FEW = Lattice(4, 7)
@@ -101,8 +102,14 @@ def assert_gradients(robot: tuple[Morphology, Controller, Physics], scene: Scene
     """To 1e-7 against differences away from contact events: there, one of some step lengths neither meets
     another contact nor drowns in rounding. To 1e-10 against the twin."""
     body, brain, own = robot
-    cotangent = np.random.default_rng(2).standard_normal((scene.steps + 1, *body.positions.shape))
-    of_loss, of_cotangent = (motion_gradient([body], [brain], scene, [own], p) for p in (None, [cotangent]))
+    rng, states = np.random.default_rng(2), (scene.steps + 1, *body.positions.shape)
+    cotangent = rng.standard_normal(states)
+    complete = MotionCotangents(
+        cotangent, rng.standard_normal(states), rng.standard_normal((scene.steps, body.motors))
+    )
+    of_loss, of_cotangent, of_all = (
+        motion_gradient([body], [brain], scene, [own], p) for p in (None, [cotangent], [complete])
+    )
     assert of_loss.losses[0] == of_cotangent.losses[0]
     if scene.contact != "none":  # that is another kernel, tests/eldir/engine/test_shortcuts.py
         plain = loss_and_gradient([body], [brain], scene, [own])[1][0]
@@ -110,17 +117,18 @@ def assert_gradients(robot: tuple[Morphology, Controller, Physics], scene: Scene
     ways, sums = directions(own, brain, 3), []
     for key, way in ways.items():
         predicted = [
-            product(g.physics[0], way[0]) + product(g.controllers[0], way[1]) for g in (of_loss, of_cotangent)
+            product(g.physics[0], way[0]) + product(g.controllers[0], way[1])
+            for g in (of_loss, of_cotangent, of_all)
         ]
         sums.append(predicted)
         found = [differences(robot, scene, way, h, cotangent) for h in (1e-3, 1e-4, 1e-5, 1e-6)]
-        off = np.array([np.abs(np.subtract(f, predicted)) for f in found if f is not None])
+        off = np.array([np.abs(np.subtract(f, predicted[:2])) for f in found if f is not None])
         # What rounding leaves of a loss that hardly depends on it, and of a sum of many positions.
         floor = np.array([1e-11, 1e-9])
         assert len(off), key
-        assert (off.min(axis=0) <= 1e-7 * np.abs(predicted) + floor).all(), (key, off, predicted)
+        assert (off.min(axis=0) <= 1e-7 * np.abs(predicted[:2]) + floor).all(), (key, off, predicted)
     assert scene.contact in ("no-slip", "none") or product(of_cotangent.physics[0], ways["friction"][0]) != 0
     whole = sum_of(own, [w[0] for w in ways.values()]), ways["weights"][1]
-    for k, p in enumerate((None, cotangent)):
-        exact = complex_slope(body, brain, scene, own, *whole, p)
+    slopes = complex_slopes(body, brain, scene, own, *whole, MotionCotangents(cotangent), complete)
+    for k, exact in enumerate(slopes):
         assert abs(sum(s[k] for s in sums) - exact) <= 1e-10 * sum(abs(s[k]) for s in sums)

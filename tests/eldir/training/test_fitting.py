@@ -11,7 +11,8 @@ from eldir.lattice import Lattice
 from eldir.physics import Physics
 from eldir.rollout import simulate
 from eldir.training import fitting
-from eldir.training.fitting import fit_physics, motion_gradient
+from eldir.training.fitting import fit_physics
+from eldir.training.gradients import motion_gradient
 from tests.eldir.engine.random_robots import robots
 from tests.eldir.random_physics import PAPER, RUGGED
 from tests.eldir.training.gradient_checks import (

@@ -30,7 +30,7 @@ from tests.eldir.engine.random_robots import (
     triangles_at,
     without_motors,
 )
-from tests.eldir.engine.twin import complex_slope, paper_rollout
+from tests.eldir.engine.twin import complex_slopes, paper_rollout
 
 pytestmark = pytest.mark.slow
 
@@ -114,7 +114,7 @@ def test_the_equations_say_the_same(group: Robots) -> None:
         still = Physics.of(body, PAPER).scaled(0.0)
         for along in (like(brain, rng), gradient):
             parts = [(getattr(gradient, k), getattr(along, k)) for k in WEIGHTS]
-            slope = complex_slope(body, brain, PAPER, Physics.of(body, PAPER), still, along, None)
+            (slope,) = complex_slopes(body, brain, PAPER, Physics.of(body, PAPER), still, along)
             lengths = [np.sqrt(sum((part[side] ** 2).sum() for part in parts)) for side in (0, 1)]
             assert abs(sum((a * b).sum() for a, b in parts) - slope) <= 1e-9 * lengths[0] * lengths[1]
 
