@@ -55,6 +55,12 @@ class LearningResult(Record):
     """For each loss, whether rounding may dominate its gradient (`eldir.engine.validity.is_rounded`)."""
 
     @property
+    def displacements(self) -> FloatArray:
+        """Mean forward displacements before the first and after each update [m], shape (n, iterations + 1):
+        minus the losses."""
+        return -self.losses
+
+    @property
     def chaotic_updates(self) -> IntArray:
         """Updates of each robot whose gradient chaos dominates, shape (n,)."""
         return self.chaotic.sum(axis=1)

@@ -118,6 +118,13 @@ def simulate(
     return rollouts
 
 
+def simulate_one(
+    morphology: Morphology, controller: Controller, scene: Scene, physics: Physics | None = None
+) -> Rollout:
+    """The rollout of one robot, as `simulate`."""
+    return simulate([morphology], [controller], scene, None if physics is None else [physics])[0]
+
+
 def group_by_substeps(
     morphologies: Sequence[Morphology], scene: Scene, physics: Sequence[Physics]
 ) -> Iterator[tuple[int, list[int]]]:

@@ -14,7 +14,7 @@ scene = eldir.Scene.preset("paper")
 genotypes = eldir.random_genotypes(lattice, 10, np.random.default_rng(1))
 bodies = [eldir.develop(lattice, g) for g in genotypes]
 result = eldir.learn(bodies, scene, iterations=35, seed=1)
-walked = -result.losses  # forward displacement of the centre of mass [m], shape (10, 36)
+walked = result.displacements  # forward displacement of the centre of mass [m], shape (10, 36)
 for body, before, best in zip(bodies, walked[:, 0], walked.max(axis=1), strict=True):
     print(f"{len(body.springs):3d} springs: {before:+.3f} m before learning, {best:+.3f} m after")
 

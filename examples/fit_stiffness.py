@@ -19,7 +19,7 @@ scene = eldir.Scene.preset("paper").replace(steps=100, precision="f64", contact=
 # The observed robot: 20 % stiffer, 10 % less damped; a camera with 0.1 mm of noise.
 nominal = Physics.of(body, scene)
 real = nominal.replace(stiffness=1.2 * nominal.stiffness, damping=0.9 * nominal.damping)
-(rollout,) = eldir.simulate([body], [controller], scene, [real])
+rollout = eldir.simulate_one(body, controller, scene, real)
 observed = rollout.positions + 1e-4 * rng.standard_normal(rollout.positions.shape)
 
 found = fit_physics(body, controller, scene, observed, ["stiffness", "damping"])

@@ -16,9 +16,9 @@ scene = eldir.Scene.preset("paper").replace(terrain=terrain, contact="friction")
 genotypes = eldir.random_genotypes(lattice, 10, rng)
 bodies = [eldir.develop(lattice, g) for g in genotypes]
 result = eldir.learn(bodies, scene, iterations=35, seed=1)
-walked = -result.losses  # forward displacement of the centre of mass [m], shape (10, 36)
+walked = result.displacements  # forward displacement of the centre of mass [m], shape (10, 36)
 best = int(walked.max(axis=1).argmax())
-(rollout,) = eldir.simulate([bodies[best]], [result.controllers[best]], scene)
+rollout = eldir.simulate_one(bodies[best], result.controllers[best], scene)
 centre = rollout.positions.mean(axis=1)  # shape (steps + 1, 2)
 
 figure = Figure(figsize=(9, 3.6), layout="constrained")

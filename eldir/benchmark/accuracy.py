@@ -21,7 +21,7 @@ from eldir.core.records import FloatArray
 from eldir.engine.batch import prepare
 from eldir.engine.validity import OK
 from eldir.morphology import Morphology
-from eldir.rollout import loss_and_gradient, simulate
+from eldir.rollout import loss_and_gradient, simulate_one
 from eldir.scene import Integrator, Scene
 from eldir.terrain import Terrain
 from eldir.training.loop import initial_controllers
@@ -132,7 +132,7 @@ def ends(case: Case, scene: Scene) -> list[FloatArray]:
     """Positions after the last step, (M, 2) for each robot; infinite where it diverged."""
     found = []
     for body, brain in zip(case.bodies, case.brains, strict=True):
-        (rollout,) = simulate([body], [brain], scene)
+        rollout = simulate_one(body, brain, scene)
         found.append(rollout.positions[-1] if rollout.status == OK else np.full(body.positions.shape, np.inf))
     return found
 

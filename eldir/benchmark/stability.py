@@ -23,7 +23,7 @@ from eldir.genotype import Genotype
 from eldir.lattice import Lattice
 from eldir.learning import learn
 from eldir.morphology import Morphology, develop
-from eldir.rollout import Rollout, simulate
+from eldir.rollout import Rollout, simulate, simulate_one
 from eldir.scene import Scene
 from eldir.terrain import Terrain
 from eldir.training.configuration import TrainingConfig
@@ -157,7 +157,7 @@ def _slope(slope: float) -> Terrain:
 
 
 def _lasts(body: Morphology, scene: Scene) -> bool:
-    (rollout,) = simulate([body], initial_controllers([body], scene, 0), scene)
+    rollout = simulate_one(body, initial_controllers([body], scene, 0)[0], scene)
     return rollout.status == OK and bool(
         np.abs(rollout.velocities).max() < _FASTEST * np.sqrt(scene.stiffness)
     )
@@ -184,7 +184,7 @@ def edge() -> list[dict[str, Any]]:
             brains = initial_controllers(list(bodies.values()), scene, 0)
             together = simulate(list(bodies.values()), brains, scene)
             for (name, body), brain, rollout in zip(bodies.items(), brains, together, strict=True):
-                (alone,) = simulate([body], [brain], scene)
+                alone = simulate_one(body, brain, scene)
                 found.append(
                     {
                         "body": name, "ground": ground, "precision": precision, "status": rollout.status,
@@ -218,7 +218,7 @@ def random_robots(n: int) -> dict[str, Any]:
         why["refused"] += int((result.status == REFUSED).sum())
         why["blown up"] += int((~finite & (result.status != REFUSED)).sum())
         why["jump"] += int((finite & ~sound).sum())
-        best.extend((-result.losses[sound].min(axis=1)).tolist())
+        best.extend((result.displacements[sound].max(axis=1)).tolist())
     return {
         "robots": n,
         "discarded": round(sum(why.values()) / n, 5),

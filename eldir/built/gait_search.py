@@ -26,7 +26,7 @@ from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
 from eldir.parameters.tolerances import RigTolerances
-from eldir.rollout import simulate
+from eldir.rollout import simulate_one
 
 Stage = Callable[[str], None]
 """A function that is called with what is computed next, in words."""
@@ -279,7 +279,7 @@ def search_robust_gait(
 
 def imitate_gait(design: Design) -> Gait:
     """The gait with the phases of the design's closed-loop rollout."""
-    (rollout,) = simulate([design.morphology], [design.controller], design.scene)
+    rollout = simulate_one(design.morphology, design.controller, design.scene)
     return Gait.from_rollout(rollout, design.scene)
 
 

@@ -246,7 +246,9 @@ def _record_offsets(batch: Batch, scene: Scene, config: BatchConfig) -> NDArray[
     return offsets([n.recorded_rows * states for n in batch.sizes])
 
 
-def _settings(scene: Scene, config: BatchConfig, cotangents_given: int, states: int, ring: int) -> RunSettings:
+def _settings(
+    scene: Scene, config: BatchConfig, cotangents_given: int, states: int, ring: int
+) -> RunSettings:
     shortcuts = config.shortcuts
     return RunSettings(
         steps=scene.steps, window=scene.window or scene.steps, iterations=config.iterations,

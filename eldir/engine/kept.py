@@ -1,5 +1,5 @@
-"""Rollouts whose states stay in memory until they are differentiated, so that a function of them needs no second
-simulation."""
+"""Rollouts whose states stay in memory until they are differentiated, so that a function of them needs no
+second simulation."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from eldir.controller import HIDDEN, Controller
 from eldir.core.records import IntArray
 from eldir.engine import batch
 from eldir.engine.kernels import layout
-from eldir.engine.pack import ORIGIN, MotionCotangents, dtype, pack, pack_cotangents, packed
+from eldir.engine.pack import ORIGIN, MotionCotangents, pack, pack_cotangents
 from eldir.engine.runtime import start
 from eldir.engine.threads import worker_threads
-from eldir.morphology import Morphology, offsets
+from eldir.morphology import Morphology
 from eldir.physics import Physics
 from eldir.scene import Scene
 
@@ -44,9 +44,7 @@ class KeptRollouts:
         """-1, or the step at which the robot diverged; later states are then undefined."""
 
     def _run(self) -> batch.BatchResult:
-        return batch.run_launch(
-            self._launch, self._batch, self._scene, _CONFIG, self._physics, self._nowhere
-        )
+        return batch.run_launch(self._launch, self._batch, self._scene, _CONFIG, self._physics, self._nowhere)
 
     def positions(self, r: int) -> NDArray:
         """Positions of robot `r` [m], shape (T + 1, M, 2)."""

@@ -34,7 +34,7 @@ class MotionCotangents(NamedTuple):
     velocities: FloatArray | None = None
     """With respect to the velocities of all states, shape (T + 1, M, 2); None: it does not depend on them."""
     activations: FloatArray | None = None
-    """With respect to the activations of the active springs, shape (T, A); None: it does not depend on them."""
+    """With respect to the activations, shape (T, A); None: it does not depend on them."""
 
 
 @dataclass

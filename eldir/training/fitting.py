@@ -7,7 +7,7 @@ Example: find the stiffness of a robot and the friction of its ground from 0.4 s
     from eldir.lattice import Lattice
     from eldir.morphology import develop
     from eldir.physics import Physics
-    from eldir.rollout import simulate
+    from eldir.rollout import simulate_one
     from eldir.scene import Scene
     from eldir.training.fitting import fit_physics
     from eldir.training.loop import initial_controllers
@@ -17,7 +17,7 @@ Example: find the stiffness of a robot and the friction of its ground from 0.4 s
     body = develop(lattice, random_genotypes(lattice, 1, np.random.default_rng(0))[0])
     (controller,) = initial_controllers([body], scene, seed=0)
     real = Physics.of(body, scene).replace(stiffness=2.4e4, friction=0.8)
-    observed = simulate([body], [controller], scene, [real])[0].positions
+    observed = simulate_one(body, controller, scene, real).positions
     found = fit_physics(body, controller, scene, observed, ["stiffness", "friction"])
     print(found.factors)  # 0.8 and 0.8: factors on the scene's stiffness and friction
 """
@@ -36,7 +36,7 @@ from eldir.core.records import BoolArray, FloatArray, Record
 from eldir.engine.validity import OK
 from eldir.morphology import Morphology
 from eldir.physics import GRIPPING, Physics
-from eldir.rollout import simulate
+from eldir.rollout import simulate, simulate_one
 from eldir.scene import Scene
 from eldir.training.gradients import motion_gradient
 
@@ -138,7 +138,7 @@ class _FitProblem:
     def mean_square(self, logarithms: FloatArray) -> tuple[float, FloatArray]:
         """Mean square distance [m2] and its gradient with respect to the logarithms, shape (K,)."""
         own, seen = self.physics(logarithms), np.isfinite(self.observed)
-        rollout = simulate([self.morphology], [self.controller], self.scene, [own])[0]
+        rollout = simulate_one(self.morphology, self.controller, self.scene, own)
         if rollout.status != OK:
             return _DIVERGED, np.zeros(len(self.scaled))
         off = np.where(seen, rollout.positions - np.where(seen, self.observed, 0.0), 0.0)

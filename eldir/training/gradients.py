@@ -1,13 +1,13 @@
 """Gradients of a motion with respect to controllers and physics.
 
 One reverse sweep of the engine gives all gradients of the loss, or of any function of the motion. It costs
-about one more simulation, however many springs and masses a robot has. `eldir.value_and_grad` takes a function
-written with JAX; here its derivatives with respect to the motion are given.
+about one more simulation, however many springs and masses a robot has. `eldir.value_and_grad` takes a
+function written with JAX; here its derivatives with respect to the motion are given.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -53,7 +53,7 @@ class Motion:
         self._kept, self._r, self._parts = kept, r, parts
 
     def read(self, name: str) -> NDArray:
-        """"positions" [m] or "velocities" [m/s] of the masses, shape (T + 1, M, 2), or "activations" of the
+        """ "positions" [m] or "velocities" [m/s] of the masses, shape (T + 1, M, 2), or "activations" of the
         active springs, shape (T, A)."""
         values: NDArray = getattr(self._kept, name)(self._r)[:: self._parts]
         return values
@@ -85,8 +85,8 @@ def motion_gradient(
     if cotangents is not None:
         require_count("cotangents", len(cotangents), len(morphologies))
         complete = [c if isinstance(c, MotionCotangents) else MotionCotangents(c) for c in cotangents]
-        for i, (body, own) in enumerate(zip(morphologies, complete, strict=True)):
-            _check_cotangents(f"robot {i}", body, scene, own)
+        for i, given in enumerate(complete):
+            _check_cotangents(f"robot {i}", morphologies[i], scene, given)
     found = _Gradients(controllers, owns)
     for parts, chosen in group_by_substeps(morphologies, scene, owns):
         finer = subdivide_steps(scene, parts)
@@ -139,7 +139,7 @@ def loss_gradient(
                 require_value(f"value of the loss of robot {i}", np.isfinite(values[r]), "finite", values[r])
                 cotangents.append(_spread_over_substeps(pulled, parts))
             outcome = kept.differentiate(cotangents)
-            for r in np.flatnonzero(outcome.status == NO_GRADIENT):
+            for r in np.flatnonzero(outcome.status == NO_GRADIENT).tolist():
                 _require_finite(here[r], cotangents[r])
             values[outcome.status != OK] = np.inf
             found.set(here, outcome, values, parts)
@@ -192,14 +192,14 @@ def _check_cotangents(name: str, body: Morphology, scene: Scene, given: MotionCo
 
 def _require_finite(i: int, given: MotionCotangents) -> None:
     """Raise `InputError` where a gradient overflowed because the loss has no derivative there."""
-    for name in given._fields:
-        wrong = np.argwhere(~np.isfinite(value)) if (value := getattr(given, name)) is not None else ()
-        if len(wrong):
+    for name, value in given._asdict().items():
+        wrong = [] if value is None else np.argwhere(~np.isfinite(value)).tolist()
+        if wrong:
             raise InputError(
                 f"the loss of robot {i} has no derivative with respect to its {name}",
                 code="loss.no-derivative",
                 expected="finite derivatives",
-                found=f"{value[tuple(wrong[0])]:g} at index {tuple(wrong[0].tolist())}",
+                found=f"{value[tuple(wrong[0])]:g} at index {wrong[0]}",
                 remedy="roots and norms have none at zero: add a small number, as in sqrt(x * x + 1e-12)",
             )
 
@@ -208,7 +208,8 @@ def _spread_over_substeps(given: MotionCotangents, parts: int) -> MotionCotangen
     """The same cotangents where every step is divided: zero between the scene's steps."""
     if parts == 1:
         return given
-    return type(given)(*(None if v is None else _spread(v, len(given.positions), parts) for v in given))
+    states, finer = len(given.positions), given._asdict()
+    return type(given)(**{k: None if v is None else _spread(v, states, parts) for k, v in finer.items()})
 
 
 def _spread(values: FloatArray, states: int, parts: int) -> FloatArray:
@@ -216,7 +217,8 @@ def _spread(values: FloatArray, states: int, parts: int) -> FloatArray:
     finer[::parts] = values
     if len(values) == states:
         return finer
-    return np.concatenate([finer, np.zeros((parts - 1, *values.shape[1:]), values.dtype)])  # one for each step
+    last = np.zeros((parts - 1, *values.shape[1:]), values.dtype)  # activations are one for each step
+    return np.concatenate([finer, last])
 
 
 def _no_cotangents(body: Morphology, scene: Scene) -> MotionCotangents:

@@ -90,10 +90,10 @@ def _best(run: Path) -> Design:
 
 def _learned(robot: Design, rate: int) -> tuple[Iterator[np.ndarray], int]:
     """Frames of the learned motion, and their number."""
-    from eldir.rollout import simulate
+    from eldir.rollout import simulate_one
     from eldir.show import frames
 
-    rollout = simulate([robot.morphology], [robot.controller], robot.scene)[0]
+    rollout = simulate_one(robot.morphology, robot.controller, robot.scene)
     return frames(robot, rollout, rate), int(robot.scene.steps * robot.scene.dt * rate) + 1
 
 

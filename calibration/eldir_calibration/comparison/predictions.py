@@ -21,7 +21,7 @@ from eldir.core.records import FloatArray, IntArray
 from eldir.design import Design
 from eldir.errors import EldirError, divergence_error
 from eldir.parameters.springs import SpringParameters
-from eldir.rollout import simulate
+from eldir.rollout import simulate_one
 from eldir.trajectory import Trajectory
 from eldir_calibration.comparison.film import PredictedBody
 from eldir_calibration.comparison.recorded_run import RecordedRun
@@ -148,7 +148,7 @@ def predict_walk(run: RecordedRun, samples: int = SAMPLES) -> FloatArray:
 def simulate_evolved(run: RecordedRun) -> Motion:
     """The closed-loop rollout: its last five whole cycles of the pattern generators."""
     design = run.design
-    (rollout,) = simulate([design.morphology], [design.controller], design.scene)
+    rollout = simulate_one(design.morphology, design.controller, design.scene)
     if rollout.status != OK:
         raise divergence_error(f"step {rollout.status} of the design's rollout")
     times = np.arange(len(rollout.positions)) * design.scene.dt

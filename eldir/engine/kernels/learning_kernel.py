@@ -91,7 +91,7 @@ def train(body: ti.template(), launch: ti.template(), r, at: ti.template(), hist
     for i in range(iterations + 1):
         if controlled:
             transpose_weights(robot)
-        if settings.resumed:
+        if settings.resumed:  # noqa: SIM108 # a conditional expression would simulate in both cases
             status = launch.status[r]
         else:
             status = rollout(robot, history, settings.steps)

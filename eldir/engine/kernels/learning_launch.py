@@ -35,8 +35,8 @@ class RunSettings(NamedTuple):
     physics_gradients: Constant
     """Whether the gradient with respect to physics is computed."""
     cotangents_given: Count
-    """1 where `cotangents` of positions replace the loss, 2 where there are those of velocities and activations
-    too."""
+    """1 where `cotangents` of positions replace the loss, 2 where there are those of velocities and
+    activations too."""
     states: Count
     """Number of states that the history has room for."""
     ring: Count
@@ -173,7 +173,7 @@ class LearningLaunch(NamedTuple):
     physics_gradients: ValuesAndLanes
     """Gradients with respect to physics (`layout.PhysicsGradients`)."""
     cotangents: Lanes
-    """For every state x, then y, by cell; where all are given, also vx, vy and activations, as in `record`."""
+    """For every state x, then y, by cell; where all are given, then vx, vy and activations as in `record`."""
 
 
 class Ground(NamedTuple):
