@@ -33,7 +33,7 @@ def loss(parameters: tuple) -> jax.Array:
     return -jnp.mean(x[-1, :, 0] - x[0, :, 0])
 
 
-for update in range(20):
+for update in range(12):
     value, gradient = jax.value_and_grad(loss)(parameters)
     print(f"update {update}: walks {-value:+.3f} m")
     parameters = jax.tree.map(lambda p, g: p - 0.1 * g / (jnp.linalg.norm(g) + 1e-9), parameters, gradient)

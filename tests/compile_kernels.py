@@ -51,6 +51,7 @@ PINS = BuiltParameters()
 KERNELS = [
     (learning, "f64", "no-slip", "paper"),
     (physical, "f64", "no-slip"),
+    (physical, "f32", "no-slip"),
     (learning, "f64", "friction", "paper"),
     (physical, "f64", "friction"),
     (learning, "f64", "no-slip", "second-order"),

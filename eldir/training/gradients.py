@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -208,8 +208,9 @@ def _spread_over_substeps(given: MotionCotangents, parts: int) -> MotionCotangen
     """The same cotangents where every step is divided: zero between the scene's steps."""
     if parts == 1:
         return given
-    states, finer = len(given.positions), given._asdict()
-    return type(given)(**{k: None if v is None else _spread(v, states, parts) for k, v in finer.items()})
+    states = len(given.positions)
+    positions, *others = (None if v is None else _spread(v, states, parts) for v in given)
+    return type(given)(cast(FloatArray, positions), *others)
 
 
 def _spread(values: FloatArray, states: int, parts: int) -> FloatArray:
