@@ -112,8 +112,8 @@ class BatchConfig:
     """Whether the loss is differentiated with respect to physics too."""
     record: bool = False
     """Whether states are recorded."""
-    keep: bool = False
-    """Whether the states stay in the workspaces, of which every robot then has one (`eldir.engine.kept`)."""
+    keep: int = 0
+    """Number of workspaces that keep a robot's states after a launch (`eldir.engine.kept`), or 0."""
     shortcuts: Shortcuts = ALL
     update_length: float = 0.0
     """Length of an update in the space of all weights."""
@@ -153,26 +153,40 @@ def prepare(
     start()
     record_at = _record_offsets(batch, scene, config)
     launch = make_launch(batch, scene, config, cotangents, record_at)
-    return lambda: run_launch(launch, batch, scene, config, owns, record_at)
+
+    def compute() -> BatchResult:
+        clear_results(launch)
+        run_kernel(launch, scene)
+        return read_results(launch, batch, scene, owns, record_at)
+
+    return compute
 
 
-def run_launch(
+def clear_results(launch: LearningLaunch) -> None:
+    """Set the results to those of robots that were not simulated."""
+    launch.losses[:], launch.physics_gradients.values[:], launch.growth[:] = np.inf, 0.0, 0.0
+
+
+def run_kernel(launch: LearningLaunch, scene: Scene) -> None:
+    """Compute the robots from `settings.kept_from` or 0 to `robots`."""
+    launch.queue[0] = max(0, launch.settings.kept_from)
+    set_compile_options(scene.precision)
+    learning_kernel(scene.precision)(launch)
+
+
+def read_results(
     launch: LearningLaunch,
     batch: Batch,
     scene: Scene,
-    config: BatchConfig,
     physics: Sequence[Physics],
     record_at: NDArray[np.int32],
 ) -> BatchResult:
-    """The results of the kernel for these arguments."""
-    d_physics = launch.physics_gradients.values
-    launch.queue[0], launch.losses[:], d_physics[:], launch.growth[:] = 0, np.inf, 0.0, 0.0
-    set_compile_options(scene.precision)
-    learning_kernel(scene.precision)(launch)
-    losses = launch.losses.astype(np.float64).reshape(len(physics), config.iterations + 1)
+    """The kernel's results."""
+    settings, d_physics = launch.settings, launch.physics_gradients.values
+    losses = launch.losses.astype(np.float64).reshape(len(physics), settings.iterations + 1)
     growth = launch.growth.astype(np.float64).reshape(losses.shape)
     gradients = []
-    if config.backward and config.physics_gradients:
+    if settings.backward and settings.physics_gradients:
         _discard_overflows(launch, losses, batch)
         gradients = physics_gradients(d_physics, batch, scene, physics)
     staggered = scene.integrator == "second-order"
@@ -208,9 +222,9 @@ def make_launch(
     workspace_offsets = np.array([layout.workspace_offsets(n, states) for n in batch.sizes])
     workspace = int(workspace_offsets[:, -1].max())
     workers = _workers(robots, workspace, scene)
-    memory = aligned(workspace * (robots if config.keep else workers), real)
+    memory = aligned(workspace * (config.keep or workers), real)
     physics_at = batch.physics_offsets(config.physics_gradients)
-    packed_cotangents, cotangents_at, given = pack_cotangents(cotangents, batch, scene)
+    packed_cotangents, cotangents_at, given = pack_cotangents(cotangents, batch.sizes, batch.grids, scene)
     begins = (
         batch.cell_at, batch.mass_at, batch.motor_at, batch.weight_at, record_at, physics_at, cotangents_at,
     )  # fmt: skip
@@ -252,7 +266,7 @@ def _settings(
     shortcuts = config.shortcuts
     return RunSettings(
         steps=scene.steps, window=scene.window or scene.steps, iterations=config.iterations,
-        kept=config.keep, resumed=False, backward=config.backward, record=config.record,
+        kept_from=0 if config.keep else -1, resumed=False, backward=config.backward, record=config.record,
         contact=_contact_model(scene, shortcuts.no_contact and not config.physics_gradients),
         staggered=scene.integrator == "second-order", physics_gradients=config.physics_gradients,
         cotangents_given=cotangents_given, states=states, ring=ring - 1,

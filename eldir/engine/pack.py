@@ -198,19 +198,22 @@ def pack_cpgs(scene: Scene) -> NDArray:
 
 
 def pack_cotangents(
-    cotangents: Sequence[MotionCotangents] | None, batch: Batch, scene: Scene
+    cotangents: Sequence[MotionCotangents] | None,
+    sizes: Sequence[layout.Size],
+    grids: Sequence[Grid],
+    scene: Scene,
 ) -> tuple[NDArray, NDArray[np.int32], int]:
     """Cotangents in the kernel's layout, where each robot's begin, and `RunSettings.cotangents_given`.
 
     Where the kernel's positions are half a step ahead, a state's position is the mean of two of them.
     """
     if cotangents is None:
-        return aligned(layout.LANES, dtype(scene)), offsets([0] * len(batch.sizes)), 0
+        return aligned(layout.LANES, dtype(scene)), offsets([0] * len(sizes)), 0
     complete = any(c.velocities is not None or c.activations is not None for c in cotangents)
-    lanes = [n.recorded_rows if complete else 2 * n.cell_rows for n in batch.sizes]
+    lanes = [n.recorded_rows if complete else 2 * n.cell_rows for n in sizes]
     at = offsets([layout.LANES * n * (scene.steps + 1) for n in lanes])
     flat = aligned(int(at[-1]), dtype(scene))
-    for r, (given, n, grid) in enumerate(zip(cotangents, batch.sizes, batch.grids, strict=True)):
+    for r, (given, n, grid) in enumerate(zip(cotangents, sizes, grids, strict=True)):
         states = flat[at[r] : at[r + 1]].reshape(scene.steps + 1, -1)
         positions = given.positions
         if scene.integrator == "second-order":

@@ -120,29 +120,32 @@ def loss_gradient(
     `loss` is called once for every robot that completes all steps. Raises `InputError` where a value or a
     derivative is not a finite number, or the scene has a window.
     """
-    from eldir.engine.kept import KeptRollouts, split_to_keep
+    from eldir.engine.kept import KeptRollouts
 
     owns = _check(morphologies, controllers, scene, physics)
     found = _Gradients(controllers, owns)
     for parts, chosen in group_by_substeps(morphologies, scene, owns):
         finer = subdivide_steps(scene, parts)
         bodies, brains, own = select_from(chosen, morphologies, controllers, owns)
-        for part in split_to_keep(bodies, finer):
-            here = chosen[part]
-            kept = KeptRollouts(bodies[part], brains[part], finer, own[part])
-            values, cotangents = np.full(len(here), np.inf), []
-            for r, i in enumerate(here):
+        kept = KeptRollouts(bodies, brains, finer, own)
+        values = np.full(len(chosen), np.inf)
+        for robots in kept.parts():
+            cotangents = []
+            for r in robots:
                 if kept.status[r] != OK:
-                    cotangents.append(_no_cotangents(morphologies[i], finer))
+                    cotangents.append(_no_cotangents(bodies[r], finer))
                     continue
-                values[r], pulled = loss(i, Motion(kept, r, parts))
-                require_value(f"value of the loss of robot {i}", np.isfinite(values[r]), "finite", values[r])
+                values[r], pulled = loss(chosen[r], Motion(kept, r, parts))
+                name = f"value of the loss of robot {chosen[r]}"
+                require_value(name, np.isfinite(values[r]), "finite", values[r])
                 cotangents.append(_spread_over_substeps(pulled, parts))
-            outcome = kept.differentiate(cotangents)
-            for r in np.flatnonzero(outcome.status == NO_GRADIENT).tolist():
-                _require_finite(here[r], cotangents[r])
-            values[outcome.status != OK] = np.inf
-            found.set(here, outcome, values, parts)
+            kept.differentiate(robots, cotangents)
+            for r, given in zip(robots, cotangents, strict=True):
+                if kept.status[r] == NO_GRADIENT:
+                    _require_finite(chosen[r], given)
+        outcome = kept.result()
+        values[outcome.status != OK] = np.inf
+        found.set(chosen, outcome, values, parts)
     return found.result()
 
 

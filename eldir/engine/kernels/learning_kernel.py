@@ -63,8 +63,8 @@ def learning_kernel(precision: str) -> Callable[[LearningLaunch], None]:
             inverse_count = ti.cast(1, simd.real) / n.masses
             body = ti.static(robot_view(simd, launch, scalars, n, inverse_count, at))
             owner = worker
-            if launch.settings.kept:
-                owner = r
+            if launch.settings.kept_from >= 0:
+                owner = r - launch.settings.kept_from
             memory = ti.static(workspace_view(launch, owner, n, r))
             weights = ti.static(weights_view(launch, n, at))
             robot = ti.static(body._replace(weights=weights, work=memory.scratch))

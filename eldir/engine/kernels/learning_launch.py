@@ -20,8 +20,9 @@ class RunSettings(NamedTuple):
     """Steps through which a gradient is traced back."""
     iterations: Count
     """Number of updates; with 0 the result is the gradient itself."""
-    kept: Count
-    """Whether every robot, not every worker, has a workspace of its own, which outlasts the launch."""
+    kept_from: Count
+    """-1, or the first robot of this launch: every robot, not every worker, then has a workspace of its own,
+    which outlasts the launch."""
     resumed: Count
     """Whether the states are in the workspaces of an earlier launch, and are not simulated again."""
     backward: Count
