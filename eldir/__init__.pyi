@@ -10,12 +10,12 @@ from .lattice import Lattice as Lattice
 from .learning import learn as learn
 from .morphology import Morphology as Morphology
 from .morphology import develop as develop
-from .own_loss import value_and_grad as value_and_grad
 from .rollout import loss_and_gradient as loss_and_gradient
 from .rollout import simulate as simulate
 from .rollout import simulate_one as simulate_one
 from .scene import Scene as Scene
 from .terrain import Terrain as Terrain
+from .training.own_loss import value_and_grad as value_and_grad
 from .trajectory import Trajectory as Trajectory
 
 __all__: list[str]

@@ -10,6 +10,7 @@ _BELOW: dict[str, dict[str, list[str]]] = {
         "Start": ["installation", "tutorial", "examples", "safety"],
         "How to": [
             "how-to/simulate",
+            "how-to/own-loss",
             "how-to/printer",
             "how-to/board-and-camera",
             "how-to/identify",

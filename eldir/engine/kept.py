@@ -60,13 +60,12 @@ class KeptRollouts:
 
     def differentiate(self, robots: range, cotangents: Sequence[MotionCotangents]) -> None:
         """The gradients of the sum of each robot's motion times its cotangents, for the present part."""
-        sizes, grids = (
-            values[robots.start : robots.stop] for values in (self._batch.sizes, self._batch.grids)
-        )
+        here = slice(robots.start, robots.stop)
+        sizes, grids = self._batch.sizes[here], self._batch.grids[here]
         flat, at, given = pack_cotangents(cotangents, sizes, grids, self._scene)
         table = self._launch.offsets.reshape(len(self._physics), -1)
         column = layout.RobotOffsets._fields.index("cotangents_at")
-        table[robots.start : robots.stop, column] = at[:-1]
+        table[here, column] = at[:-1]
         self._launch = self._launch._replace(cotangents=flat.reshape(-1, 16))
         self._run(robots, backward=True, resumed=True, cotangents_given=given)
 

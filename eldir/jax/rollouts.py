@@ -1,24 +1,9 @@
-"""Rollouts as functions that JAX differentiates, for losses of several rollouts or of your own parameters.
-
-    import eldir.jax
-    import jax
-
-    def loss(controller):
-        up, down = (eldir.jax.simulate_one(body, controller, scene).positions for scene in (rising, falling))
-        return abs(up[-1, :, 0].mean() - down[-1, :, 0].mean())
-
-    gradient = jax.grad(loss)(controller)  # a Controller
-
-`Controller` and `Physics` are pytrees: `jax.grad`, `jax.tree.map` and optimisers take and return them. JAX
-calls the engine with numbers, so these functions work within `jax.grad`, `jax.value_and_grad` and `jax.vjp`,
-not within `jax.jit` or `jax.vmap`; compile what comes before and after them. Needs JAX:
-pip install 'eldir[jax]'.
-"""
+"""The rollouts of robots as a function with a derivative of its own (`jax.custom_vjp`)."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -29,18 +14,18 @@ from eldir.core.arguments import require_count, require_known, require_value
 from eldir.engine.pack import MotionCotangents
 from eldir.engine.validity import OK
 from eldir.errors import InputError
+from eldir.jax.pytrees import FIELDS, number_or_array
 from eldir.morphology import Morphology
-from eldir.own_loss import RolloutArrays, import_jax, require_precision
 from eldir.physics import Physics
 from eldir.rollout import simulate as simulate_robots
 from eldir.scene import Scene
 from eldir.training.gradients import motion_gradient
+from eldir.training.own_loss import RolloutArrays, import_jax, require_precision
 
 jax = import_jax()
 
 Arrays = Mapping[str, Any]
 """Arrays of NumPy or JAX by the name of a record's field."""
-_FIELDS = {kind: tuple(f.name for f in fields(kind)) for kind in (Controller, Physics)}
 
 
 def simulate(
@@ -69,8 +54,8 @@ def simulate(
     require_count("physics", len(physics) if physics is not None else n, n)
     weights = [_arrays(Controller, c) for c in controllers]
     for given in weights:
-        require_known("arrays of a controller", given, _FIELDS[Controller])
-        missing = [name for name in _FIELDS[Controller] if name not in given]
+        require_known("arrays of a controller", given, FIELDS[Controller])
+        missing = [name for name in FIELDS[Controller] if name not in given]
         require_value("arrays of a controller", not missing, "w1, b1, w2, b2", ", ".join(given))
     own = [_arrays(Physics, p) for p in physics] if physics is not None else [{} for _ in morphologies]
     return _rollouts(_Robots(tuple(morphologies), scene), weights, own)  # type: ignore[no-any-return]
@@ -100,7 +85,7 @@ class _Robots:
     def physics(self, own: Sequence[Arrays]) -> list[Physics]:
         pairs = zip(self.morphologies, own, strict=True)
         return [
-            Physics.of(body, self.scene).replace(**{k: _number_or_array(v) for k, v in given.items()})
+            Physics.of(body, self.scene).replace(**{k: number_or_array(v) for k, v in given.items()})
             for body, given in pairs
         ]
 
@@ -155,7 +140,7 @@ _rollouts.defvjp(_forward, _backward, symbolic_zeros=True)
 def _arrays(kind: type[Any], given: Any) -> dict[str, Any]:
     """The fields of a record, or a dictionary as it is."""
     if isinstance(given, kind):
-        return {name: getattr(given, name) for name in _FIELDS[kind]}
+        return {name: getattr(given, name) for name in FIELDS[kind]}
     return dict(given)
 
 
@@ -163,11 +148,6 @@ def _gradient_like(value: Any, gradient: Any, ok: bool) -> Any:
     """A gradient of the same shape and type: one number stands for all springs or masses."""
     summed = np.sum(gradient) if np.ndim(value) == 0 else np.asarray(gradient)
     return jax.numpy.asarray(np.where(ok, summed, np.nan), jax.numpy.result_type(value))
-
-
-def _number_or_array(value: Any) -> Any:
-    array = np.asarray(value, np.float64)
-    return float(array) if array.ndim == 0 else array
 
 
 def _require_numbers(*trees: Any) -> None:
@@ -181,20 +161,3 @@ def _require_numbers(*trees: Any) -> None:
             found="the tracers of jax.jit, jax.vmap or jax.hessian",
             remedy="compile what comes before and after it, and give several robots in one call",
         )
-
-
-def _unflatten(kind: type[Any], leaves: Sequence[Any]) -> Any:
-    """A record of these leaves. Numbers become NumPy's again, so that all of eldir takes the record."""
-    if all(isinstance(v, jax.Array | np.ndarray | np.generic | float) for v in leaves) and not any(
-        isinstance(v, jax.core.Tracer) for v in leaves
-    ):
-        leaves = [_number_or_array(v) for v in leaves]
-    return kind.construct(*leaves)
-
-
-for _kind, _names in _FIELDS.items():
-    jax.tree_util.register_pytree_node(
-        _kind,
-        lambda record, names=_names: ([getattr(record, name) for name in names], None),
-        lambda _, leaves, kind=_kind: _unflatten(kind, leaves),
-    )
