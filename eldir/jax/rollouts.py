@@ -1,4 +1,19 @@
-"""The rollouts of robots as a function with a derivative of its own (`jax.custom_vjp`)."""
+"""Rollouts as functions that JAX differentiates, for losses of several rollouts or of your own parameters.
+
+    import eldir.jax
+    import jax
+
+    def loss(controller):
+        up, down = (eldir.jax.simulate_one(body, controller, scene).positions for scene in (rising, falling))
+        return abs(up[-1, :, 0].mean() - down[-1, :, 0].mean())
+
+    gradient = jax.grad(loss)(controller)  # a Controller
+
+`Controller` and `Physics` are pytrees: `jax.grad`, `jax.tree.map` and optimisers take and return them. JAX
+calls the engine with numbers, so these functions work within `jax.grad`, `jax.value_and_grad` and `jax.vjp`,
+not within `jax.jit` or `jax.vmap`; compile what comes before and after them. Needs JAX:
+pip install 'eldir[jax]'.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +29,7 @@ from eldir.core.arguments import require_count, require_known, require_value
 from eldir.engine.pack import MotionCotangents
 from eldir.engine.validity import OK
 from eldir.errors import InputError
-from eldir.jax.pytrees import FIELDS, number_or_array
+from eldir.jax._pytrees import FIELDS, number_or_array
 from eldir.morphology import Morphology
 from eldir.physics import Physics
 from eldir.rollout import simulate as simulate_robots

@@ -233,7 +233,7 @@ def test_wrong_arguments_are_named() -> None:
 
 def test_without_jax_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "jax", None)
-    for name in ("eldir.jax", "eldir.jax.rollouts", "eldir.jax.pytrees"):
+    for name in ("eldir.jax", "eldir.jax.rollouts", "eldir.jax._pytrees"):
         monkeypatch.delitem(sys.modules, name, raising=False)
     for use in (lambda: eldir.value_and_grad(walked), lambda: importlib.import_module("eldir.jax")):
         with raises(MissingDependencyError, "missing-package", match=r"pip install 'eldir\[jax\]'"):
