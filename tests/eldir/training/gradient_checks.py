@@ -9,9 +9,9 @@ from eldir.engine.pack import MotionCotangents
 from eldir.lattice import Lattice
 from eldir.morphology import Morphology
 from eldir.physics import Physics
-from eldir.rollout import loss_and_gradient, simulate
+from eldir.rollout import loss_and_gradient, simulate, simulate_one
 from eldir.scene import Scene
-from eldir.training.gradients import motion_gradient
+from eldir.training.gradients import Motion, loss_gradient, motion_gradient
 from tests.eldir.engine.random_robots import WEIGHTS, like, moved, robots
 from tests.eldir.engine.twin import complex_slopes
 from tests.eldir.random_physics import PAPER, RUGGED, drawn
@@ -111,6 +111,16 @@ def assert_gradients(robot: tuple[Morphology, Controller, Physics], scene: Scene
         motion_gradient([body], [brain], scene, [own], p) for p in (None, [cotangent], [complete])
     )
     assert of_loss.losses[0] == of_cotangent.losses[0]
+    motions: dict[str, np.ndarray] = {}
+
+    def pulled(i: int, motion: Motion) -> tuple[float, MotionCotangents]:
+        motions.update({name: motion.read(name) for name in MotionCotangents._fields})
+        return 1.0, complete
+
+    kept = loss_gradient([body], [brain], scene, [own], pulled)  # without a second simulation
+    assert (kept.losses[0], kept.controllers, kept.physics) == (1.0, of_all.controllers, of_all.physics)
+    rollout = simulate_one(body, brain, scene, own)
+    assert all(np.allclose(m, getattr(rollout, name), rtol=0, atol=1e-11) for name, m in motions.items())
     if scene.contact != "none":  # that is another kernel, tests/eldir/engine/test_shortcuts.py
         plain = loss_and_gradient([body], [brain], scene, [own])[1][0]
         assert all(np.array_equal(getattr(plain, k), getattr(of_loss.controllers[0], k)) for k in WEIGHTS)
