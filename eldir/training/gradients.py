@@ -127,26 +127,42 @@ def loss_gradient(
     for parts, chosen in group_by_substeps(morphologies, scene, owns):
         finer = subdivide_steps(scene, parts)
         bodies, brains, own = select_from(chosen, morphologies, controllers, owns)
-        kept = KeptRollouts(bodies, brains, finer, own)
-        values = np.full(len(chosen), np.inf)
-        for robots in kept.parts():
-            cotangents = []
-            for r in robots:
-                if kept.status[r] != OK:
-                    cotangents.append(_no_cotangents(bodies[r], finer))
-                    continue
-                values[r], pulled = loss(chosen[r], Motion(kept, r, parts))
-                name = f"value of the loss of robot {chosen[r]}"
-                require_value(name, np.isfinite(values[r]), "finite", values[r])
-                cotangents.append(_spread_over_substeps(pulled, parts))
-            kept.differentiate(robots, cotangents)
-            for r, given in zip(robots, cotangents, strict=True):
-                if kept.status[r] == NO_GRADIENT:
-                    _require_finite(chosen[r], given)
-        outcome = kept.result()
-        values[outcome.status != OK] = np.inf
-        found.set(chosen, outcome, values, parts)
+        for part in split_by_memory(bodies, finer.steps):
+            kept = KeptRollouts(bodies[part], brains[part], finer, own[part])
+            here, values = chosen[part], np.full(len(chosen[part]), np.inf)
+            for robots in kept.parts():
+                values[robots], cotangents = _evaluate(loss, kept, robots, here, bodies[part], finer, parts)
+                kept.differentiate(robots, cotangents)
+                for r, given in zip(robots, cotangents, strict=True):
+                    if kept.status[r] == NO_GRADIENT:
+                        _require_finite(here[r], given)
+            outcome = kept.result()
+            values[outcome.status != OK] = np.inf
+            found.set(here, outcome, values, parts)
     return found.result()
+
+
+def _evaluate(
+    loss: MotionLoss,
+    kept: KeptRollouts,
+    robots: range,
+    numbers: Sequence[int],
+    bodies: Sequence[Morphology],
+    finer: Scene,
+    parts: int,
+) -> tuple[list[float], list[MotionCotangents]]:
+    """Values and cotangents of these robots, whose numbers the loss gets; a robot that diverged has none."""
+    values, cotangents = [], []
+    for r in robots:
+        if kept.status[r] != OK:
+            values.append(np.inf)
+            cotangents.append(_no_cotangents(bodies[r], finer))
+            continue
+        value, pulled = loss(numbers[r], Motion(kept, r, parts))
+        require_value(f"value of the loss of robot {numbers[r]}", np.isfinite(value), "finite", value)
+        values.append(value)
+        cotangents.append(_spread_over_substeps(pulled, parts))
+    return values, cotangents
 
 
 class _Gradients:
