@@ -132,12 +132,13 @@ def fit_reproducible(
     """Fit the frames that can be predicted.
 
     If simulations diverge in some frames (contact-sensitive frames), fit again: first the frames before the
-    first of them, then all others. A later fit may end at a worse point than an earlier one, so the fit with
-    the smallest residuals in the common reproducible frames is selected.
+    first of them, then all others, in one round less, because it begins where the last one ended. A later
+    fit may end at a worse point than an earlier one, so the fit with the smallest residuals in the common
+    reproducible frames is selected.
     """
     config = problem.config
-    fit, positions = _fit_rounds(problem, z, rounds, evaluations_before, progress)
-    fits, motions, fitted = [fit], [positions], 1.0
+    fit, linear = _fit_rounds(problem, z, rounds, evaluations_before, progress)
+    fits, motions, fitted = [fit], [linear.positions], 1.0
     for attempt in range(config.refits):
         reproducible, share = fit.check.reproducible, fit.check.reproducible_share
         if share > 1 - config.refit_share and within_noise(fit.check):
@@ -154,9 +155,8 @@ def fit_reproducible(
             noise=config.rough_noise,
             step_widths=fit.step_widths,
         )
-        fit, _ = _fit_rounds(masked, fit.z, rounds, fit.evaluations, progress)
+        fit, linear = _fit_rounds(masked, fit.z, rounds[1:] or rounds, fit.evaluations, progress)
         whole = replace(problem, noise=fit.noise, step_widths=fit.step_widths)
-        linear = whole.linearise(fit.z)
         fit = replace(fit, check=_check_fit(whole, linear, whole.divergence(fit.z, linear)))
         fits.append(fit)
         motions.append(linear.positions)
@@ -190,11 +190,11 @@ def frames_before_divergence(kept: Sequence[BoolArray]) -> tuple[BoolArray, ...]
 
 def _fit_rounds(
     problem: Problem, z: FloatArray, rounds: Sequence[int], evaluations_before: int, progress: Progress
-) -> tuple[DynamicsFit, Sequence[FloatArray]]:
+) -> tuple[DynamicsFit, Linearisation]:
     """Fit in rounds of these numbers of evaluations; noise and step widths are estimated again between
     rounds.
 
-    Returns the fit and its markers, (frames, markers, 2) [m] for each recording."""
+    Returns the fit, and the linearisation at its end, which does not depend on the frames that are fitted."""
     for round_, evaluations in enumerate(rounds):
         progress("fit", (round_ + 0.5) / (len(rounds) + 1))
         cached = CachedProblem(problem)
@@ -221,7 +221,7 @@ def _fit_rounds(
     fit = DynamicsFit(
         names, z, spread, rms, problem.noise, cost, evaluations_before + 1, problem.step_widths, check
     )
-    return fit, linear.positions
+    return fit, linear
 
 
 def _check_fit(problem: Problem, linear: Linearisation, divergence: Sequence[Residual]) -> ModelCheck:

@@ -159,46 +159,6 @@ class Linearisation:
     landings [m], shape (n, frames, markers, 2)."""
 
 
-def linearise(
-    body: FilmedBody,
-    recordings: Sequence[Recording],
-    nominal: RobotParameters,
-    names: Sequence[str],
-    z: FloatArray,
-    step_widths: FloatArray,
-    config: IdentificationConfig = DEFAULT_CONFIG,
-) -> Linearisation:
-    """Linearisation at normalised values `z`, over `step_widths` to both sides, shapes (parameters,)."""
-    observable = [j for j, name in enumerate(names) if not is_unobservable(name)]
-    units = np.eye(len(z))[observable]
-    sides = [
-        z + sign * width * unit
-        for width, unit in zip(step_widths[observable], units, strict=True)
-        for sign in (1, -1)
-    ]
-    copies = config.jitter_robots
-    signs = np.random.default_rng(len(z)).choice([-1.0, 1.0], (copies, len(z)))
-    jitter = config.jitter * signs * step_widths * units.sum(axis=0)
-    robots = [perturb_robot(body.morphology, nominal, names, p) for p in [z, *(z + jitter), *sides]]
-    motions = predict_markers(body, recordings, robots)
-    width = step_widths[observable, None, None, None]
-    tangents = []
-    for x in motions:
-        here, above, below = x[:1], x[1 + copies :: 2], x[2 + copies :: 2]
-        tangent = (above - below) / (2 * width)
-        # Where one side fell over, the other side still has a tangent.
-        tangent = np.where(np.isfinite(tangent), tangent, (above - here) / width)
-        tangent = np.where(np.isfinite(tangent), tangent, (here - below) / width)
-        whole = np.zeros((len(z), *tangent.shape[1:]))
-        whole[observable] = np.nan_to_num(tangent)
-        tangents.append(whole)
-    divergence = [
-        np.nan_to_num(x[1 : 1 + copies] - x[0] - np.tensordot(jitter, whole, 1))
-        for x, whole in zip(motions, tangents, strict=True)
-    ]
-    return Linearisation([x[0] for x in motions], tangents, divergence)
-
-
 @dataclass(frozen=True, eq=False)
 class Problem:
     """Recordings of one robot, the parameters that may change, and the scale of every residual."""
@@ -215,15 +175,55 @@ class Problem:
     measurements: Measurements = NOT_MEASURED
     config: IdentificationConfig = DEFAULT_CONFIG
 
-    def positions(self, z: FloatArray) -> list[FloatArray]:
-        """Predicted markers at parameter values `z` [m], of each recording, shape (frames, markers, 2)."""
-        return [x[0] for x in self._predict([z])]
+    def around(self, z: FloatArray) -> list[FloatArray]:
+        """Predicted markers at parameter values `z`, and of slightly perturbed robots, which measure
+        divergence [m], of each recording, shape (1 + `jitter_robots`, frames, markers, 2). They share the
+        engine's lanes, so that the perturbed ones cost nothing."""
+        return self._predict([z, *(z + self._jitter)])
 
-    def linearise(self, z: FloatArray) -> Linearisation:
-        """The predicted motion at `z`, and its tangents."""
-        return linearise(
-            self.body, self.recordings, self.nominal, self.names, z, self.step_widths, self.config
+    def linearise(
+        self, z: FloatArray, around: Sequence[FloatArray] | None = None, *, coarse: bool = False
+    ) -> Linearisation:
+        """The predicted motion at `z`, and its tangents over `step_widths` to both sides.
+
+        `around`: what `around` returned for `z`. `coarse`: tangents are differences of coarse robots
+        (`PrintedRobot.coarse`), with hubs in a seventh of the time; positions are exact in any case.
+        """
+        observable = [j for j, name in enumerate(self.names) if not is_unobservable(name)]
+        units = np.eye(len(z))[observable]
+        sides = [
+            z + sign * width * unit
+            for width, unit in zip(self.step_widths[observable], units, strict=True)
+            for sign in (1, -1)
+        ]
+        near = self.around(z) if around is None else around
+        width = self.step_widths[observable, None, None, None]
+        tangents = []
+        stepped = self._predict([z, *sides], coarse=True) if coarse else self._predict(sides)
+        for x, exact in zip(stepped, near, strict=True):
+            here = x[:1] if coarse else exact[:1]
+            above, below = x[coarse::2], x[coarse + 1 :: 2]
+            tangent = (above - below) / (2 * width)
+            # Where one side fell over, the other side still has a tangent.
+            tangent = np.where(np.isfinite(tangent), tangent, (above - here) / width)
+            tangent = np.where(np.isfinite(tangent), tangent, (here - below) / width)
+            whole = np.zeros((len(z), *tangent.shape[1:]))
+            whole[observable] = np.nan_to_num(tangent)
+            tangents.append(whole)
+        divergence = [
+            np.nan_to_num(x[1:] - x[0] - np.tensordot(self._jitter, whole, 1))
+            for x, whole in zip(near, tangents, strict=True)
+        ]
+        return Linearisation([x[0] for x in near], tangents, divergence)
+
+    @property
+    def _jitter(self) -> FloatArray:
+        """Perturbations of z by which robots differ slightly, shape (`jitter_robots`, P)."""
+        observable = [not is_unobservable(name) for name in self.names]
+        signs = np.random.default_rng(len(self.names)).choice(
+            [-1.0, 1.0], (self.config.jitter_robots, len(self.names))
         )
+        return np.asarray(self.config.jitter * signs * self.step_widths * observable)
 
     def residuals(self, z: FloatArray, positions: Sequence[FloatArray]) -> FloatArray:
         """Residuals of tracks, priors and readings in standard deviations, shape (values,); `positions` are
@@ -267,10 +267,10 @@ class Problem:
             [(self._prior_residuals(z + s) - self._prior_residuals(z - s)) / (2 * h) for s in steps], axis=1
         )
 
-    def _predict(self, points: Sequence[FloatArray]) -> list[FloatArray]:
+    def _predict(self, points: Sequence[FloatArray], *, coarse: bool = False) -> list[FloatArray]:
         """Predicted markers of each recording [m], shape (points, frames, markers, 2)."""
         robots = [perturb_robot(self.body.morphology, self.nominal, self.names, z) for z in points]
-        return predict_markers(self.body, self.recordings, robots)
+        return predict_markers(self.body, self.recordings, robots, coarse=coarse)
 
     def _prior_residuals(self, z: FloatArray) -> FloatArray:
         """Residuals of priors and readings at `z`, in standard deviations, shape (priors and readings,)."""

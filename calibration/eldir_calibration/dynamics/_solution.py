@@ -14,22 +14,19 @@ from eldir_calibration.dynamics.recording import Progress, predict_markers
 
 
 class CachedProblem:
-    """Evaluates one problem. Its only state is a count, and the last linearisation: optimisers ask for
-    residuals and gradients at the same point."""
+    """Evaluates one problem, with tangents of coarse robots. Its only state is a count, and what was
+    simulated last: optimisers ask for residuals and gradients at the same point."""
 
     def __init__(self, problem: Problem):
         self.problem = problem
         self.evaluations = 0
         """Number of batches of robots simulated for residuals and gradients."""
-        self._last: tuple[FloatArray, Linearisation] | None = None
+        self._around: tuple[FloatArray, list[FloatArray]] | None = None
+        self._linear: tuple[FloatArray, Linearisation] | None = None
 
     def residuals(self, z: FloatArray) -> FloatArray:
         """Residuals at `z` in standard deviations, shape (values,)."""
-        linear = self._lookup(z)
-        if linear is not None:
-            return self.problem.residuals(z, linear.positions)
-        self.evaluations += 1
-        return self.problem.residuals(z, self.problem.positions(z))
+        return self.problem.residuals(z, [x[0] for x in self._motions_around(z)])
 
     def jacobian(self, z: FloatArray) -> FloatArray:
         """Derivatives of the residuals at `z`, shape (values, parameters)."""
@@ -37,17 +34,16 @@ class CachedProblem:
 
     def linearise(self, z: FloatArray) -> Linearisation:
         """The linearisation at `z`."""
-        linear = self._lookup(z)
-        if linear is None:
+        if self._linear is None or not np.array_equal(self._linear[0], z):
             self.evaluations += 1
-            linear = self.problem.linearise(z)
-            self._last = z.copy(), linear
-        return linear
+            self._linear = z.copy(), self.problem.linearise(z, self._motions_around(z), coarse=True)
+        return self._linear[1]
 
-    def _lookup(self, z: FloatArray) -> Linearisation | None:
-        if self._last is not None and np.array_equal(self._last[0], z):
-            return self._last[1]
-        return None
+    def _motions_around(self, z: FloatArray) -> list[FloatArray]:
+        if self._around is None or not np.array_equal(self._around[0], z):
+            self.evaluations += 1
+            self._around = z.copy(), self.problem.around(z)
+        return self._around[1]
 
 
 def find_start(cached: CachedProblem, seed: int, progress: Progress) -> FloatArray:

@@ -13,7 +13,7 @@ from eldir.core.records import FloatArray, Record
 from eldir.parameters.robot import RobotParameters
 from eldir.parameters.uncertain import is_unobservable
 from eldir.trajectory import Trajectory
-from eldir_calibration.dynamics._problem import compute_residual, linearise
+from eldir_calibration.dynamics._problem import Problem, compute_residual
 from eldir_calibration.dynamics.configuration import DEFAULT_CONFIG, IdentificationConfig
 from eldir_calibration.dynamics.recording import INTERVAL, FilmedBody, Recording, predict_markers
 
@@ -131,7 +131,9 @@ def rank_experiments(
         progress(i / len(gaits))
         film = _blank_recording(body, gait, cycles, config.film_rate)
         widths = np.full(len(zero), config.attribution_step)
-        linear = linearise(body, [film], robot, scene.parameters, zero, widths, once)
+        linear = Problem(
+            body, [film], robot, scene.parameters, once.rough_noise, widths, config=once
+        ).linearise(zero)
         rows = compute_residual(film, linear.tangents[0]).scale(*noise)
         after = np.linalg.inv(prior + rows @ rows.T)
         gain = 0.5 * (np.linalg.slogdet(prior + rows @ rows.T)[1] - np.linalg.slogdet(prior)[1]) / np.log(2)

@@ -27,9 +27,6 @@ class Film:
     step_widths: Any = None
     config: IdentificationConfig = DEFAULT_CONFIG
 
-    def linearise(self, z: np.ndarray) -> SimpleNamespace:
-        return SimpleNamespace(z=z, positions=z)
-
     def divergence(self, z: np.ndarray, linear: SimpleNamespace) -> None:
         return None
 
@@ -46,7 +43,7 @@ def fitted(checks: list[ModelCheck], monkeypatch: pytest.MonkeyPatch) -> tuple[D
 
     def fit(
         problem: Film, z: np.ndarray, rounds: object, evaluations: int, progress: object
-    ) -> tuple[DynamicsFit, np.ndarray]:
+    ) -> tuple[DynamicsFit, SimpleNamespace]:
         kept = problem.recordings[0]
         used.append("x" * FRAMES if kept is None else "".join("x" if k else "." for k in kept))
         number = len(used) - 1
@@ -55,7 +52,7 @@ def fitted(checks: list[ModelCheck], monkeypatch: pytest.MonkeyPatch) -> tuple[D
         found = DynamicsFit(
             (), place, nothing, (0.0, 0.0), (1.0, 1.0), 0.0, evaluations + 1, nothing, checks[number]
         )
-        return found, place
+        return found, SimpleNamespace(z=place, positions=place)
 
     monkeypatch.setattr(_fits, "_fit_rounds", fit)
     monkeypatch.setattr(_fits, "mask_frames", lambda recordings, kept: tuple(kept))

@@ -68,9 +68,9 @@ def test_hubs_are_ranked_as_pins_without_repetitions(
     """The films to come took longer to rank than the robot to identify."""
     seen = []
 
-    def counted(body, recordings, robots):
+    def counted(body, recordings, robots, *, coarse):
         seen.extend(robots)
-        return predict_markers(body, recordings, robots)
+        return predict_markers(body, recordings, robots, coarse=coarse)
 
     monkeypatch.setattr("eldir_calibration.dynamics._problem.predict_markers", counted)
     walking = Gait(20.0, np.array([0.0, 0.875]), np.full(2, 0.3))
