@@ -16,7 +16,9 @@ from eldir_app.commands.evolve import evolve
 from eldir_app.commands.packet import packet
 from eldir_app.commands.shortlist import shortlist
 from eldir_cad.kit.printer import load_printer
+from eldir_cad.packet.folder import write_packet
 from eldir_cad.shortlist.ranking import rank
+from eldir_hardware.markers.registration import DEFAULT_KIND
 
 OUTPUT = {"as_json", "out", "help", "install_completion", "show_completion"}
 
@@ -85,6 +87,8 @@ def test_shortlist_packet_and_coupon_have_the_defaults_of_what_they_call():
     assert options(packet) == shared | {
         "without_motor": variant.without_motor,
         "ballast": variant.ballast,
+        "in_series": default_of(write_packet, "in_series"),
+        "marker": DEFAULT_KIND,
     }
     assert options(coupon) == shared
 

@@ -48,7 +48,7 @@ from eldir_hardware.vision.printed_ground import CORNER, predict_ground
 from eldir_hardware.vision.sources import LoggedFrames
 from tests.raised import raises
 
-pytestmark = [pytest.mark.slow(40), pytest.mark.timeout(3600)]
+pytestmark = [pytest.mark.stress, pytest.mark.timeout(3600)]
 
 _X = np.array([-1.0, *np.arange(0.0, 1.2, 0.06)])
 _SLOPES = np.array([0.0, *np.resize([0.1, -0.06], len(_X) - 1)])

@@ -70,7 +70,7 @@ def test_the_assembly_map_has_it_too():
     spec = load_specification()
     figure = draw_assembly_map(assemble(ROBOT.morphology, spec, ROBOT.marks), wiring(2))
     drawn = [[t.get_text() for t in axes.texts if t.get_text().startswith("S")] for axes in figure.axes]
-    assert drawn == [["S0 / 1", "S1 / 3"], ["S0 / 2", "S1 / 4"]]
+    assert drawn[:2] == [["S0 / 1", "S1 / 3"], ["S0 / 2", "S1 / 4"]], "the third is the legend"
     assert any(wiring_digest(wiring(2))[:8] in t.get_text() for t in figure.texts)
 
 
