@@ -51,7 +51,7 @@ def circuits(c: Content, connections: Wiring) -> dict[int, Circuit]:
 
 
 def parts_to_buy(c: Content) -> list[Item]:
-    """What becomes part of the robot: coils, discs, shot."""
+    """What becomes part of the robot: coils, markers, shot."""
     spec, springs = c.spec, spring_parameters(c.spec)
     coil = spec.coil
     ends = math.ceil((spec.outside - spec.springs_at + coil.outer_diameter / 2 + CRIMP) / 5) * 5
@@ -67,9 +67,9 @@ def parts_to_buy(c: Content) -> list[Item]:
             2 * c.assembly.morphology.motors,
         ),
         Item(
-            "tracking_disc",
-            f"coloured disc for m1 to m{len(c.assembly.marks)} on the front face, a little less than its "
-            f"seat of {spec.mass.disc_diameter:g} mm",
+            "marker",
+            f"m1 to m{len(c.assembly.marks)} of markers.pdf, on the front face; a disc is a little less than "
+            f"its seat of {spec.mass.disc_diameter:g} mm",
             len(c.assembly.marks),
         ),
     ]
