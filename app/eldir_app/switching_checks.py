@@ -120,7 +120,7 @@ def describe_spring(connection: Connection, body: Morphology | None) -> str:
     """Motor, face and, if the body is known, the place on the robot, in words."""
     text = f"spring {connection.spring} on the {connection.face} face"
     if connection.face == "both":
-        text = f"springs {connection.spring} on both faces"
+        text = f"spring {connection.spring} on both faces"
     if body is None:
         return text
     ends = body.springs[np.flatnonzero(body.active)[connection.spring]]

@@ -34,9 +34,9 @@ class Connection(Record):
 
     @property
     def spring_text(self) -> str:
-        """The spring in words: "spring 1 back", or "springs 1 front and back in series"."""
+        """The spring in words: "spring 1 back", or "spring 1 front and back in series"."""
         if self.face == "both":
-            return f"springs {self.spring} front and back in series"
+            return f"spring {self.spring} front and back in series"
         return f"spring {self.spring} {self.face}"
 
     @property

@@ -129,7 +129,7 @@ def test_a_changed_value_is_an_error_or_another_sound_schedule(tmp_path_factory,
             rig_with(channels=[{"channel": 2, "spring": 0, "face": "front"}]),
             "other-wiring",
             None,
-            "channel 2 .*; expected no such",
+            "channel 2 .*; expected a spring that",
         ),
     ],
 )

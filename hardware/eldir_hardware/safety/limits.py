@@ -68,7 +68,7 @@ def check_schedule(schedule: ActuationSchedule, rig: Rig) -> HeatPrediction:
             raise LimitError(
                 f"channel {event.channel} of the rig does not heat {wired.spring_text}",
                 code="limit.other-wiring",
-                expected="no such spring on this rig"
+                expected="a spring that this rig heats"
                 if expected_channel is None
                 else f"channel {expected_channel}",
                 remedy="make the schedule again for this rig: eldir gait",

@@ -140,7 +140,7 @@ def test_a_student_sets_up_a_rig_whose_springs_are_swapped(tmp_path):
         person.wait_for("channel 1:")
         person.type_ahead("0")  # nor to the question that comes when the contact has opened
         for spring, answer in ((0, "1"), (1, "2")):
-            person.answer(f"Did springs {spring} front and back in series grow warm?", answer)
+            person.answer(f"Did spring {spring} front and back in series grow warm?", answer)
             assert not any(board.contacts)
         person.answer("expected a number from 0 to 1; found 2", "0")
         assert program.wait(30) == 0

@@ -282,4 +282,4 @@ def test_places_are_told():
         assert words.startswith(f"spring {motor} on the back face, between masses {a} and {b} (")
         assert end in words
     assert describe_spring(Connection(3, 1, "front"), None) == "spring 1 on the front face"
-    assert describe_spring(Connection(2, 1, "both"), None) == "springs 1 on both faces"
+    assert describe_spring(Connection(2, 1, "both"), None) == "spring 1 on both faces"

@@ -91,7 +91,7 @@ def test_a_schedule_switches_one_channel_a_motor_and_has_the_limits_of_one_sprin
         with raises(LimitError, "limit.other-wiring"):
             check_schedule(made, other)
     assert compare_wiring(rig, packet_wiring(None, 2, rig)) == ""
-    assert "channel 1 heats spring 0 front in the packet, springs 0 front and back in series on the rig" in (
+    assert "channel 1 heats spring 0 front in the packet, spring 0 front and back in series on the rig" in (
         compare_wiring(rig, packet_wiring(None, 2, RIG))
     )
     lengths = free_lengths(schedule, SpringParameters(), 2)

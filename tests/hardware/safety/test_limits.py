@@ -131,7 +131,7 @@ def test_how_many_springs_heat_at_once(starts, allowed):
     ("channel", "place", "told"),
     [
         (2, (0, "front"), "channel 2 of the rig does not heat spring 0 front; expected channel 1"),
-        (1, (5, "front"), "channel 1 .* spring 5 front; expected no such spring"),
+        (1, (5, "front"), "channel 1 .* spring 5 front; expected a spring that this rig heats"),
     ],
 )
 def test_a_schedule_for_another_wiring(channel, place, told):
