@@ -23,7 +23,6 @@ from eldir.parameters.printed import STRIP_SPREAD
 from eldir.parameters.robot import FOOT_SPREAD, QUANTITIES, contrasts, part_names, perturb_robot
 from eldir.parameters.uncertain import PARAMETERS
 from eldir.trajectory import Trajectory
-from eldir_calibration.dynamics import _model_search
 from eldir_calibration.dynamics._fits import (
     DynamicsFit,
     correlated_noise,
@@ -31,7 +30,7 @@ from eldir_calibration.dynamics._fits import (
     frames_before_divergence,
 )
 from eldir_calibration.dynamics._model_check import ModelCheck, check_model, track_noise
-from eldir_calibration.dynamics._model_search import CandidateModel, ModelSearch
+from eldir_calibration.dynamics._model_search import CandidateModel
 from eldir_calibration.dynamics._problem import Linearisation, Problem, Residual, compute_residual
 from eldir_calibration.dynamics.configuration import DEFAULT_CONFIG
 from eldir_calibration.dynamics.recording import (
@@ -40,7 +39,7 @@ from eldir_calibration.dynamics.recording import (
     require_explained,
     require_informative,
 )
-from eldir_calibration.dynamics.results import STOPPED, identify_robot, summarise
+from eldir_calibration.dynamics.results import identify_robot, summarise
 from eldir_calibration.dynamics.verdict import FitVerdict, describe_model, within_noise
 from tests.calibration.dynamics.hidden_rigs import QUICK, SOFT, film, hidden, unequal, walker
 from tests.eldir.built.filmed_walker import TRUTH
@@ -174,27 +173,6 @@ def test_springs_that_differ_are_found_where_common_parameters_leave_something()
         low, high = told["quantities"][name]["interval"]
         assert low < np.mean(true) < high and told["quantities"][name]["identified"]
     assert "its own parameters" in describe_model(scene.results.model)[0]
-
-
-def test_ctrl_c_keeps_the_models_that_were_fitted(
-    recording: Recording, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Ctrl-C while the second model is fitted, and while the first is."""
-
-    def interrupted(*_: object, **__: object) -> DynamicsFit:
-        raise KeyboardInterrupt
-
-    names, quick = ("hot_length",), replace(QUICK, starts=1)
-    whole = identify_robot(walker(), [recording], TRUTH, names=names, config=quick)
-    assert STOPPED not in whole.provenance
-    monkeypatch.setattr(ModelSearch, "_is_explained", lambda *_: False)
-    monkeypatch.setattr(_model_search, "fit_joints", interrupted)
-    others = [replace(TRUTH, printed=TRUTH.printed.with_hubs())]
-    kept = identify_robot(walker(), [recording], TRUTH, others=others, names=names, config=quick)
-    assert replace(kept, provenance={}) == whole and kept.provenance == {STOPPED: True}
-    monkeypatch.setattr(_model_search, "fit_dynamics", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        identify_robot(walker(), [recording], TRUTH, others=others, names=names, config=quick)
 
 
 def test_a_model_that_does_not_fit_knows_nothing(recording: Recording, scene: PrintedScene) -> None:

@@ -22,9 +22,10 @@ from eldir_calibration.dynamics._model_check import ModelCheck, check_model
 from eldir_calibration.dynamics._model_search import CandidateModel, ModelSearch
 from eldir_calibration.dynamics.configuration import DEFAULT_CONFIG
 from eldir_calibration.dynamics.recording import NOT_MEASURED, Recording, predict_markers
-from eldir_calibration.dynamics.results import identify_robot
+from eldir_calibration.dynamics.results import STOPPED, identify_robot
 from eldir_calibration.dynamics.verdict import describe_model, within_noise
 from tests.calibration.dynamics.hidden_rigs import QUICK, SOFT, film, walker
+from tests.eldir.built.filmed_walker import TRUTH
 from tests.paths import SCHEMAS
 
 HUBS = replace(SOFT, printed=SOFT.printed.with_hubs())
@@ -130,3 +131,24 @@ def test_costly_models_are_tried_only_where_cheap_ones_do_not_explain(
     found, said = tried(left, recording, monkeypatch)
     assert found == expected.split(", ")
     assert said == [f"{'parts' if 'parts' in name else name}, fit" for name in found], "progress"
+
+
+def test_ctrl_c_keeps_the_models_that_were_fitted(
+    recording: Recording, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Ctrl-C while the second model is fitted, and while the first is."""
+
+    def interrupted(*_: object, **__: object) -> DynamicsFit:
+        raise KeyboardInterrupt
+
+    names, quick = ("hot_length",), replace(QUICK, starts=1)
+    whole = identify_robot(walker(), [recording], TRUTH, names=names, config=quick)
+    assert STOPPED not in whole.provenance
+    monkeypatch.setattr(ModelSearch, "_is_explained", lambda *_: False)
+    monkeypatch.setattr(_model_search, "fit_joints", interrupted)
+    others = [replace(TRUTH, printed=TRUTH.printed.with_hubs())]
+    kept = identify_robot(walker(), [recording], TRUTH, others=others, names=names, config=quick)
+    assert replace(kept, provenance={}) == whole and kept.provenance == {STOPPED: True}
+    monkeypatch.setattr(_model_search, "fit_dynamics", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        identify_robot(walker(), [recording], TRUTH, others=others, names=names, config=quick)
