@@ -78,9 +78,6 @@ def play(line: str, page: Page, folder: Path) -> None:
     elif words[0] == "python":
         words[0] = sys.executable
     done = subprocess.run(words, cwd=folder, capture_output=True, text=True, timeout=3000, check=False)
-    none_fits = "eldir" in words and "shortlist" in words and "can be built" in done.stderr
-    if none_fits:
-        pytest.skip("a run this small has no robot that can be built, as the page says")
     assert done.returncode == 0, (line, done.stdout, done.stderr)
 
 
