@@ -10,6 +10,7 @@ from importlib import import_module
 import pytest
 from hypothesis import HealthCheck, settings
 
+from tests.forked_programs import fork_guardians
 from tests.reached_markers import add_markers
 
 # How long an example takes is no property of ours: machines are busy, and Taichi compiles at first use.
@@ -31,6 +32,7 @@ gc.disable()
 
 
 def pytest_collection_finish() -> None:
+    fork_guardians()
     gc.freeze()
     gc.enable()
 

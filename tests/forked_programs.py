@@ -2,9 +2,10 @@
 
 `Forked([sys.executable, "-m", "eldir", ...])` is for tests of what a program does after its start, as
 `subprocess.Popen` is for those of the start. One process of the tests imports what `eldir` imports, once, and
-forks: 0.03 thousand million instructions instead of 1.6. Streams, signals, environment, working directory and
-status are the program's own, and so are the programs that it starts, such as the guardian. Its input is
-empty, unless it gets a terminal.
+forks: 0.03 thousand million instructions instead of 1.6. Streams, signals, environment, working directory,
+command line and status are the program's own. The guardians that it and the tests start are forked likewise
+(`fork_guardians`); those of programs that `subprocess` starts are not. Its input is empty, unless it gets a
+terminal.
 """
 
 from __future__ import annotations
@@ -24,11 +25,39 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 from typing import IO, Self
 
 from tests.paths import ROOT
 
+_PADDING = "." * 8192
 _STARTING = threading.Lock()
+_address: list[bytes] = []
+"""Of the server that has forked this process."""
+
+
+def use_server(address: bytes) -> None:
+    """This process is a fork of the server with this address, which forks its guardians too."""
+    _address[:] = [address]
+
+
+def fork_guardians() -> None:
+    """From now on guardians of this process are forked, if it has imported their client: without the imports
+    of a guardian, which take ten times as long as the rest of its start."""
+    if (client := sys.modules.get("eldir_hardware.guardian.client")) is not None:
+        client.subprocess = SimpleNamespace(  # type: ignore[attr-defined]
+            Popen=_start_guardian, DEVNULL=subprocess.DEVNULL, TimeoutExpired=subprocess.TimeoutExpired
+        )
+
+
+def _start_guardian(
+    words: Sequence[str], *, env: Mapping[str, str], pass_fds: Sequence[int], cwd: str, **same: object
+) -> Forked:
+    silent = {"stdin": subprocess.DEVNULL, "stdout": subprocess.DEVNULL, "start_new_session": True}
+    assert same == silent, same
+    return Forked(
+        words, stdout=subprocess.DEVNULL, stderr=2, env=env, pass_fds=pass_fds, cwd=cwd, new_session=True
+    )
 
 
 @cache
@@ -36,7 +65,7 @@ def _server(before: tuple[str, ...]) -> socket.socket:
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     with theirs:
         server = subprocess.Popen(
-            [*before, sys.executable, "-m", "tests.fork_server", str(theirs.fileno())],
+            [*before, sys.executable, "-m", "tests.fork_server", str(theirs.fileno()), _PADDING],
             pass_fds=[theirs.fileno()],
             stdin=subprocess.DEVNULL,
             cwd=ROOT,
@@ -45,6 +74,12 @@ def _server(before: tuple[str, ...]) -> socket.socket:
     atexit.register(server.wait)
     atexit.register(ours.close)
     return ours
+
+
+def _connect(address: bytes) -> socket.socket:
+    server = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    server.connect(address)
+    return server
 
 
 class Forked:
@@ -58,13 +93,17 @@ class Forked:
         stdout: int | IO[str] | None = None,
         stderr: int | IO[str] | None = None,
         env: Mapping[str, str] | None = None,
+        pass_fds: Sequence[int] = (),
+        cwd: str | None = None,
+        new_session: bool = False,
+        child_guardian: bool = False,
         server: Sequence[str] = (),
     ):
-        """`words`: the interpreter, then -m or -c. A stream is a pipe, a file or its handle; this process's
-        where it is None; `stdin` is a handle. `server`: words of the command line before the process that
-        forks."""
+        """`words`: the interpreter, then -m, -c or -I -c. A stream is a pipe, a file or its handle; this
+        process's where it is None; `stdin` is a handle. `child_guardian`: its guardian is its child, started
+        as in the product. `server`: words of the command line before the process that forks."""
         executable, *rest = words
-        assert executable == sys.executable and rest[0] in ("-c", "-m"), words
+        assert executable == sys.executable and (rest[0] in ("-c", "-m") or rest[:2] == ["-I", "-c"]), words
         self.args, self.returncode = words, None
         self.stdout: IO[str] | None = None
         self.stderr: IO[str] | None = None
@@ -72,6 +111,7 @@ class Forked:
         self._status, status = os.pipe()
         weakref.finalize(self, os.close, self._status)
         streams, to_close = {} if stdin is None else {0: stdin}, [status]
+        streams |= {handle: handle for handle in pass_fds}
         for number, stream in ((1, stdout), (2, stderr)):
             if stream == subprocess.PIPE:
                 read, write = os.pipe()
@@ -87,15 +127,19 @@ class Forked:
                 streams[number] = stream if isinstance(stream, int) else stream.fileno()
         asked = {
             "words": rest,
-            "streams": [*streams],
+            "files": [*streams],
             "environment": dict(os.environ if env is None else env),
-            "folder": os.getcwd(),
+            "folder": cwd or os.getcwd(),
+            "session": new_session,
+            "child_guardian": child_guardian,
             "priority": os.getpriority(os.PRIO_PROCESS, 0),
         }
         with _STARTING:
-            forking = _server(tuple(server))
+            forking = _server(tuple(server)) if not _address else _connect(_address[0])
             socket.send_fds(forking, [json.dumps(asked).encode()], [status, *streams.values()])
             _, [self._pidfd], _, _ = socket.recv_fds(forking, 64, 1)
+            if _address:
+                forking.close()
         weakref.finalize(self, os.close, self._pidfd)
         self.pid = _process_of(self._pidfd)
         for handle in to_close:

@@ -51,7 +51,9 @@ def heating_program(
     `before`: code that it runs first; `server`: words before the process from which it is forked.
     """
     words = [sys.executable, "-c", before + HEAT, str(rig)]
-    with Forked(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, server=server) as program:
+    with Forked(
+        words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, child_guardian=bool(before), server=server
+    ) as program:
         guardian = int(program.stdout.readline())
         try:
             assert wait(lambda: board.contacts[:4] == (True, False, True, False)), program.stderr.read()

@@ -73,7 +73,7 @@ def stop_once(page, folder, kind, state, rng):
         time.sleep(rng.uniform(0.0, 1.0))
         until(lambda: any(run.board.contacts))
         if state == "both suspended":
-            os.kill(guardian_of(run.player.pid), signal.SIGSTOP)
+            os.kill(guardian_of(run.board), signal.SIGSTOP)
         if "suspended" in state:
             os.kill(run.player.pid, signal.SIGSTOP)
         return run.stopped_after(page.space() if rng.random() < 0.5 else page.click("#stop"))

@@ -67,7 +67,7 @@ def test_a_stop_and_its_reason_are_told(how, tmp_path):
             assert wait(lambda: words)
             why = "the driving program has died. The stop is latched (the program that heats has died)"
         else:
-            for process in (guardian_of(run.player.pid), run.player.pid):
+            for process in (guardian_of(run.board), run.player.pid):
                 os.kill(process, signal.SIGSTOP)
             subprocess.run([*ELDIR, "rig", "off", "--rig", str(run.rig)], capture_output=True, check=True)
             assert wait(lambda: words)

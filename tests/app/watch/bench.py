@@ -80,8 +80,10 @@ def heating(folder: Path, kind: str = "lcus", **changes: object) -> Iterator[Hea
         log = folder / "log.mcap"
         words = [str(folder / "schedule.json"), "--rig", str(rig), "--log", str(log)]
         with Forked(
-            [*ELDIR, "rig", "drive", *words], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
-        ) as player:
+            [*ELDIR, "rig", "drive", *words],
+            stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+            child_guardian=True,  # the page takes a guardian's parent for the program
+        ) as player:  # fmt: skip
             try:
                 assert wait(lambda: any(board.contacts) or player.poll() is not None, 25.0)
                 yield Heating(board, player, rig, log)
@@ -90,7 +92,7 @@ def heating(folder: Path, kind: str = "lcus", **changes: object) -> Iterator[Hea
                     raise BusyError(player.stderr.read()) from error
                 raise
             finally:
-                for process in (player.pid, guardian_of(player.pid)):
+                for process in (player.pid, guardian_of(board)):
                     if process is not None:
                         with suppress(ProcessLookupError):
                             os.kill(process, signal.SIGCONT)

@@ -185,7 +185,7 @@ def test_the_stop_opens_every_contact(how, player, page, tmp_path):
         page.wait("document.getElementById('mode').innerText == 'Running: log.mcap'")
         assert wait(lambda: any(run.board.contacts))
         if player == "suspended":  # with its guardian, which would open the contacts
-            for process in (guardian_of(run.player.pid), run.player.pid):
+            for process in (guardian_of(run.board), run.player.pid):
                 os.kill(process, signal.SIGSTOP)
             page.wait("document.getElementById('alarm').innerText.startsWith('No new data')")
             page.wait("document.getElementById('rig').innerText.split('suspended').length == 3")

@@ -2,6 +2,7 @@
 
 import os
 import signal
+import subprocess
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,6 +13,7 @@ import pytest
 from eldir.errors import EldirError
 from eldir_hardware.clock import WallClock
 from eldir_hardware.emulator.board import EmulatedBoard
+from eldir_hardware.guardian import client
 from eldir_hardware.guardian.client import Guardian
 from eldir_hardware.relay.errors import NotProvenOffError, RelayError
 from eldir_hardware.rig.configuration import Rig
@@ -70,12 +72,20 @@ def test_ctrl_c_is_for_the_program(tmp_path):
     """Which gets it too, from the terminal, and decides."""
     with bench(tmp_path) as (board, rig), Guardian(rig) as bank:
         heat(bank, board)
-        loaded = Path(f"/proc/{bank.process}/maps").read_text()
-        assert "numpy" in loaded and "_yaml" not in loaded, "it starts sooner without YAML"
         os.kill(bank.process, signal.SIGINT)
         bank.wait_until(time.monotonic() + 0.5, ignore)
         assert board.contacts[0]
         bank.disarm()
+
+
+def test_one_that_is_started_as_in_the_product_heats_and_has_loaded_no_yaml(tmp_path, monkeypatch):
+    monkeypatch.setattr(client, "subprocess", subprocess)
+    with bench(tmp_path) as (board, rig), Guardian(rig) as bank:
+        loaded = Path(f"/proc/{bank.process}/maps").read_text()
+        assert "numpy" in loaded and "_yaml" not in loaded, "it starts sooner without YAML"
+        heat(bank, board)
+        bank.disarm()
+        assert not any(board.contacts)
 
 
 def test_after_both_slept_the_program_that_wakes_first_does_not_blame_the_guardian(tmp_path):

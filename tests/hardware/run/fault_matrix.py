@@ -156,6 +156,7 @@ def _strike(folder: Path, kind: str, name: str, rng: random.Random, cycles: int)
             held(words, uart) if fault.unreachable else words,
             stderr=subprocess.PIPE,
             stdout=subprocess.DEVNULL,
+            child_guardian=fault.unreachable,  # what is held up is written by the program and its children
         ) as player,
     ):
         others: list[subprocess.Popen] = []
@@ -164,7 +165,7 @@ def _strike(folder: Path, kind: str, name: str, rng: random.Random, cycles: int)
         readers = [_read(player.stderr, printed)]
         try:
             wait(lambda: bool(board.contact_events) or player.poll() is not None, 25.0)
-            guardian = guardian_of(player.pid)
+            guardian = guardian_of(board)
             if not board.contact_events or guardian is None:
                 raise NeverHeatedError
             began = min(e.t for e in board.contact_events)

@@ -20,6 +20,7 @@ from typing import NamedTuple
 from eldir_hardware.emulator.board import EmulatedBoard
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.devices import get_driver
+from eldir_hardware.rig.port_holder import find_holder
 from eldir_hardware.schedule import ActuationSchedule
 from tests.forked_programs import Forked
 from tests.hardware.relay.held_serial_output import HeldUart
@@ -100,19 +101,10 @@ class Fault(NamedTuple):
     """Whether no command can reach the board: its own timer or the cut-off opens, and a person must know."""
 
 
-def children(process: int) -> list[int]:
-    with suppress(FileNotFoundError):
-        return [int(n) for n in Path(f"/proc/{process}/task/{process}/children").read_text().split()]
-    return []
-
-
-def guardian_of(player: int) -> int | None:
-    """The guardian among the player's children, by what it runs."""
-    for child in children(player):
-        with suppress(FileNotFoundError):
-            if b"guardian" in Path(f"/proc/{child}/cmdline").read_bytes():
-                return child
-    return None
+def guardian_of(board: EmulatedBoard) -> int | None:
+    """The process that holds the board's port."""
+    holder = find_holder(board.port)
+    return holder and holder.process
 
 
 def of_board(change: Callable[[EmulatedBoard], None]) -> Strike:

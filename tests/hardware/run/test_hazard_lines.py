@@ -220,9 +220,9 @@ def test_the_emergency_stop_says_what_is_not_proven(number, tmp_path):
 def test_a_guardian_that_the_kernel_holds_is_not_waited_for(tmp_path):
     """Traced by this test, it is killed and does not end; the contacts open before that is waited for."""
     board, _, _, words = prepared(tmp_path, "lcus")
-    with Forked(words, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL) as player:
+    with Forked(words, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, child_guardian=True) as player:
         assert wait(lambda: any(board.contacts) or player.poll() is not None, 40.0)
-        guardian = guardian_of(player.pid)
+        guardian = guardian_of(board)
         assert guardian is not None
         if ctypes.CDLL(None, use_errno=True).ptrace(_SEIZE, guardian, None, None):
             player.kill()
