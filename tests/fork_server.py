@@ -26,8 +26,10 @@ from tests import forked_programs
 IMPORTED = (
     "eldir_app.progress",
     "eldir_app.emergency_stop",
+    "eldir_app.evolution_run",
     "eldir_hardware.guardian.client",
     "eldir_hardware.guardian._process",
+    "eldir_hardware.planning.workshop",
     "eldir_hardware.run.drive",
     "eldir_hardware.safety.stop_signals",
     "eldir_app.watch.listening",
