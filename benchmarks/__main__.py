@@ -17,6 +17,7 @@ from typing import Any
 from benchmarks.comparisons import against_c, against_jax, against_released
 from benchmarks.picture import plot, table
 from benchmarks.printed import against_mujoco
+from eldir.benchmark.other_programs import watch_other_programs
 from eldir.core.files import new_folder, require_new
 from eldir.core.installation import describe
 from eldir.errors import EldirError
@@ -35,7 +36,9 @@ def main() -> int:
     try:
         require_new(arguments.out)
         with tempfile.TemporaryDirectory() as scratch, new_folder(arguments.out) as draft:
-            results = _measure(arguments, Path(scratch))
+            with watch_other_programs() as others:
+                results = _measure(arguments, Path(scratch))
+            results["other_programs"] = others.share
             (draft / "benchmarks.json").write_text(json.dumps(results, indent=1) + "\n")
             (draft / "benchmarks.md").write_text(table(results))
             plot(results).savefig(draft / "benchmarks.png", dpi=150)
@@ -43,6 +46,7 @@ def main() -> int:
         print(f"benchmarks: {error}", file=sys.stderr)
         return 1
     print(table(results))
+    print(others.describe())
     return 0
 
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from eldir.benchmark.built import REAL, SIMPLIFICATIONS, BenchmarkRobot, Simplification, mean_walk, walkers
 from eldir.benchmark.measurement import limit_threads
+from eldir.benchmark.other_programs import watch_other_programs
 from eldir.core.records import FloatArray
 from eldir.defaults import Ground
 from eldir.evolution.search import make_terrain
@@ -61,7 +62,7 @@ def main() -> int:
     """Status 0."""
     robots = walkers()
     print("| | processor time | mean difference | root mean square |\n| --- | --- | --- | --- |")
-    with limit_threads(1):
+    with limit_threads(1), watch_other_programs() as others:
         exact_time, exact = measure(WAYS["as they are"], robots)
         for name, way in WAYS.items():
             spent, walks = measure(way, robots)
@@ -72,6 +73,7 @@ def main() -> int:
         for ground in GROUNDS:
             found = differences_on(ground, robots)
             print(f"| {ground} | {found.mean():+.2f} | {np.sqrt((found**2).mean()):.2f} |", flush=True)
+    print(f"\n{others.describe()}")
     return 0
 
 

@@ -17,6 +17,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from eldir.benchmark.other_programs import watch_other_programs
 from eldir.controller import Controller
 from eldir.engine.pack import pack
 from eldir.engine.shortcuts import distinct
@@ -84,11 +85,13 @@ def main() -> None:
     parser.add_argument("--robots", type=int, default=10_000, help="population, on the paper's lattice")
     parser.add_argument("--shard", type=int, default=1000, help="robots that are packed together")
     arguments = parser.parse_args()
-    spent = measure(arguments.robots, arguments.shard)
+    with watch_other_programs() as others:
+        spent = measure(arguments.robots, arguments.shard)
     spent["all"] = sum(s[0] for s in spent.values()), sum(s[1] for s in spent.values())
     print(f"| {arguments.robots} robots | by the clock [s] | processor [s] |\n| --- | --- | --- |")
     for name, (clock, processor) in spent.items():
         print(f"| {name} | {clock:.2f} | {processor:.2f} |")
+    print(f"\n{others.describe()}")
 
 
 if __name__ == "__main__":

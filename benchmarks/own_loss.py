@@ -19,6 +19,7 @@ import numpy as np
 import eldir
 import eldir.jax
 from eldir.benchmark.measurement import big, small
+from eldir.benchmark.other_programs import watch_other_programs
 from eldir.learning import initial_controllers
 from eldir.scene import Scene
 from eldir.training.gradients import motion_gradient
@@ -86,6 +87,13 @@ def main() -> int:
     jax.config.update("jax_enable_x64", True)
     print("| robots | gradient of | processor time | ratio |")
     print("| --- | --- | --- | --- |")
+    with watch_other_programs() as others:
+        _print_rows()
+    print(f"\n{others.describe()}")
+    return 0
+
+
+def _print_rows() -> None:
     for kind, make, robots, precision in CASES:
         seconds = measure(make(robots, 5), Scene.preset("paper").replace(precision=precision))
         base = np.array(seconds["the engine's own loss"])
@@ -96,7 +104,6 @@ def main() -> int:
                 f"| {robots} {kind}, {precision} | {name} | {np.median(values):.3f} s | {spread} |",
                 flush=True,
             )
-    return 0
 
 
 if __name__ == "__main__":

@@ -9,6 +9,7 @@ import time
 import numpy as np
 
 from eldir.benchmark.measurement import limit_threads, time_in_turns
+from eldir.benchmark.other_programs import watch_other_programs
 from eldir.built.motion import FREE, drive
 from eldir.built.robot import PrintedRobot, build
 from eldir.genotype import random_genotypes
@@ -49,10 +50,11 @@ def main() -> int:
     body = develop(lattice, random_genotypes(lattice, 1, np.random.default_rng(7), max_active=2)[0])
     print(f"{_ROBOTS} robots of {len(body.positions)} masses and {len(body.springs)} springs, {_SECONDS:g} s")
     print("| | level table [s] | rugged ground [s] | ratio |\n| --- | --- | --- | --- |")
-    with limit_threads(1):
+    with limit_threads(1), watch_other_programs() as others:
         for name, parameters in KINDS.items():
             table, rugged = seconds(build(body, parameters))
             print(f"| {name} | {table:.3f} | {rugged:.3f} | {rugged / table:.2f} |", flush=True)
+    print(f"\n{others.describe()}")
     return 0
 
 

@@ -129,6 +129,11 @@ class Machine(Record):
     """Number of logical processors."""
     system: str
     """Operating system and its version."""
+    other_programs: Share | None = None
+    """Processor time of other programs during the measurement, as a share of that of all cores; above 0.1 the
+    machine was busy. Null where the system does not tell."""
+
+    OPTIONAL = frozenset({"other_programs"})
 
 
 @record

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, get_args
 import numpy as np
 
 from eldir.benchmark.measurement import limit_threads, small, without_motors
+from eldir.benchmark.tables import text_table
 from eldir.controller import Controller
 from eldir.core.kernels import Precision
 from eldir.core.records import FloatArray
@@ -36,6 +37,7 @@ _REFERENCE = {"integrator": "second-order", "precision": "f64", "dt": 1e-5}
 _SEED = 1
 _HIGH = 5.0  # where nothing meets the ground within a second [m]
 _WANTED = (1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5)
+_PAPER = "paper 4 ms f32"
 
 
 class Setting(NamedTuple):
@@ -80,18 +82,47 @@ def cases(n: int) -> dict[str, Case]:
 
 
 def measure(quick: bool, say: Say) -> dict[str, Any]:
-    """Measure all diagrams; `say` is called with a line after each scene."""
+    """Measure all diagrams; `say` is called with a line before each scene."""
     robots, gradients = (5, 2) if quick else (16, 8)
     values: dict[str, Any] = {"robots": robots, "seconds": SECONDS, "scenes": {}}
     with limit_threads(1):
-        for name, case in cases(robots).items():
+        all_cases = cases(robots)
+        for number, (name, case) in enumerate(all_cases.items(), 1):
+            say(f"{number} of {len(all_cases)}: {name}")
             points = diagram(case)
             if case.bodies[0].motors and name != "acting in free fall":
                 _add_gradients(Case(case.scene, case.bodies[:gradients], case.brains[:gradients]), points)
             front = pareto(points)
             values["scenes"][name] = {"points": points, "pareto": front, "cheapest": cheapest(points)}
-            say(f"{name}: " + "; ".join(f"{points[i]['name']} {points[i]['error_90']:.1e} m" for i in front))
     return values
+
+
+def describe(values: dict[str, Any]) -> str:
+    """For each scene, the fastest setting below each error; and what the paper's own setting reaches."""
+    lines = [
+        f"Fastest setting for which nine of ten robots are nearer to the truth than the error after "
+        f"{values['seconds']:g} s ({values['robots']} robots)."
+    ]
+    for name, scene in values["scenes"].items():
+        by_name = {point["name"]: point for point in scene["points"]}
+        rows = [
+            [f"{float(error):g}", f"{by_name[best]['ms_per_robot']:.2f}", best]
+            if best
+            else [error, "", "none"]
+            for error, best in scene["cheapest"].items()
+        ]
+        lines += ["", name, text_table(["error [m]", "ms a robot", "integrator, step, precision"], rows)]
+        paper = by_name.get(_PAPER)
+        if paper is not None:
+            lines.append(_judge(paper, scene))
+    return "\n".join(lines)
+
+
+def _judge(paper: dict[str, Any], scene: dict[str, Any]) -> str:
+    """What the paper's setting reaches, in words."""
+    met = [error for error in sorted(map(float, scene["cheapest"])) if paper["error_90"] < error]
+    reached = f"meets {met[0]:g} m" if met else f"does not meet {max(map(float, scene['cheapest'])):g} m"
+    return f"The paper's setting, {_PAPER}, {reached} in {paper['ms_per_robot']:.2f} ms a robot."
 
 
 def settings() -> list[Setting]:

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from eldir.benchmark.measurement import limit_threads, time_in_turns
+from eldir.benchmark.tables import text_table
 from eldir.built.gait import FreeLengths, Gait, free_lengths_batch
 from eldir.built.robot import COARSE_DAMPING, COARSE_INERTIA, SOFT_TENSION, build
 from eldir.built.samples import NominalRobots
@@ -133,12 +134,11 @@ def measure(quick: bool, say: Say, others: Mapping[str, WalkSample] | None = Non
                 seconds[name] += spent / (_SAMPLES * len(robots))
             say(f"{r + 1} of {len(robots)} robots")
     rows = {name: _row(walks[name], walks[EXACT], seconds[name]) for name in SIMPLIFICATIONS}
-    for name, row in rows.items():
-        say(f"{name}: {row}")
     samples = 1 if quick else _OTHER_SAMPLES
-    other_rows = {name: _compare_other(walk, robots, samples) for name, walk in (others or {}).items()}
-    for name, row in other_rows.items():
-        say(f"{name}: {row}")
+    other_rows = {}
+    for name, walk in (others or {}).items():
+        say(f"{name}: {len(robots) * samples} walks")
+        other_rows[name] = _compare_other(walk, robots, samples)
     return {
         "robots": len(robots),
         "samples": _SAMPLES,
@@ -147,6 +147,42 @@ def measure(quick: bool, say: Say, others: Mapping[str, WalkSample] | None = Non
         "ways": rows,
         "others": other_rows,
     }
+
+
+_GOOD = 0.05
+"""A root mean square difference [body lengths per five cycles] that no choice between robots notices."""
+
+
+def describe(values: dict[str, Any]) -> str:
+    """A table, and which simplification is worth taking."""
+    ways, others = values["ways"], values["others"]
+    rows = [
+        [
+            name,
+            f"{row['seconds_per_walk']:.3g}",
+            f"{row['walks_per_s']:.3g}",
+            "" if name == EXACT else f"{row['mean_difference']:+.2f}",
+            "" if name == EXACT else f"{row['rms_difference']:.2f}",
+        ]
+        for name, row in (ways | others).items()
+    ]
+    table = text_table(
+        ["samples with", "s a walk", "walks a second", "mean difference", "rms difference"], rows
+    )
+    exact = ways[EXACT]
+    good = [name for name, row in ways.items() if row["rms_difference"] <= _GOOD]
+    best = min(good, key=lambda name: ways[name]["seconds_per_walk"])
+    times = exact["seconds_per_walk"] / ways[best]["seconds_per_walk"]
+    verdict = [
+        f"Differences are from {EXACT!r} [body lengths per five cycles], over {values['robots']} robots.",
+        f"Within {_GOOD:g} of it, {best!r} is the fastest: {times:.1f} times as fast.",
+        f"Heating alone takes {values['heat_s']:.2g} s a walk.",
+    ]
+    if others:
+        verdict.append(
+            "Another physics models joints, strips and contacts differently: its difference is no error."
+        )
+    return "\n".join([table, "", *verdict])
 
 
 def _remembering(

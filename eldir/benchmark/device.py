@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from eldir.benchmark.measurement import POPULATIONS
+from eldir.benchmark.tables import text_table
 from eldir.core.kernels import compiler_name
 from eldir.defaults import ITERATIONS
 from eldir.engine.batch import device_task
@@ -40,17 +41,47 @@ def measure(quick: bool, say: Callable[[str], None]) -> dict[str, Any]:
         bodies, found = population(min(counts[-1], _BODIES)), []
         for count in counts:
             found.append(_throughput(_task([bodies[i % len(bodies)] for i in range(count)], 2)))
-            say(f"{kind}, {count} robots: {found[-1]:.0f} robot-iterations a second")
+            say(f"{kind} robots: {count} of {counts[-1]}")
         values[kind] = {"robots": list(counts), "iterations_per_s": found}
     robots = 512 if quick else 10_000
+    say(f"a generation of {robots} robots")
     bodies = POPULATIONS["big"](_BODIES)
     mean_loss, packed, seconds = _generation([bodies[i % len(bodies)] for i in range(robots)])
-    say(f"{robots} robots learn {ITERATIONS} updates in {seconds:.2f} s, packed in {packed:.2f} s")
     values["generation"] = {
         "robots": robots, "iterations": ITERATIONS, "seconds": seconds, "packing_s": packed,
         "mean_loss_m": mean_loss,
     }  # fmt: skip
     return values
+
+
+_FULL = 0.9
+"""Share of the greatest speed at which a device counts as fully used."""
+
+
+def describe(values: dict[str, Any]) -> str:
+    """A table, how many robots the device needs, and a generation's time."""
+    speeds = [values[kind]["iterations_per_s"] for kind in POPULATIONS]
+    counts = values["big"]["robots"]
+    table = text_table(
+        ["robots at a time", *(f"{kind} robots [iterations/s]" for kind in POPULATIONS)],
+        [
+            [str(count), *(f"{speed:.0f}" for speed in row)]
+            for count, *row in zip(counts, *speeds, strict=True)
+        ],
+    )
+    big = values["big"]["iterations_per_s"]
+    enough = next(n for n, speed in zip(counts, big, strict=True) if speed >= _FULL * max(big))
+    learned = values["generation"]
+    verdict = [
+        f"{values['name']} ({values['device']}, {values['compiler']}) is ready after {values['start_s']:.1f} "
+        "s.",
+        f"It is fully used from {enough} big robots at a time.",
+        f"A generation of {learned['robots']} robots learns {learned['iterations']} iterations in "
+        f"{learned['seconds']:.2f} s, after {learned['packing_s']:.2f} s of packing.",
+    ]
+    if learned["mean_loss_m"] is None:
+        verdict.append("At least one robot of it diverged.")
+    return "\n".join([table, "", *verdict])
 
 
 def _throughput(task: DeviceTask) -> float:

@@ -104,10 +104,17 @@ def limit_threads(n: int) -> Iterator[None]:
             os.environ["ELDIR_THREADS"] = before
 
 
-def save(out: Path, name: str, values: dict[str, Any], figure: Figure) -> None:
-    """Writes a new folder `out` with `name`.json and `name`.png."""
+def save(
+    out: Path, name: str, values: dict[str, Any], figure: Figure, other_programs: float | None = None
+) -> None:
+    """Writes a new folder `out` with `name`.json and `name`.png. `other_programs`: share of the processor
+    that they used (`eldir.benchmark.other_programs`); None if unknown."""
     with new_folder(out) as folder:
-        head = {"format": f"eldir-benchmark-{name}/1", "version": __version__, "machine": machine()}
+        head = {
+            "format": f"eldir-benchmark-{name}/1",
+            "version": __version__,
+            "machine": machine(other_programs),
+        }
         write_text(folder / f"{name}.json", json.dumps(head | values, indent=1) + "\n")
         write_bytes(folder / f"{name}.png", png(figure))
 
@@ -117,7 +124,12 @@ def say(line: str) -> None:
     print(line, file=sys.stderr)
 
 
-def machine() -> dict[str, Any]:
-    """The machine on which the figures were measured."""
+def machine(other_programs: float | None = None) -> dict[str, Any]:
+    """The machine on which the figures were measured, and what other programs used of its processor."""
     name = processor()["processor"] or platform.machine()
-    return {"processor": name, "cores": os.cpu_count() or 1, "system": platform.platform()}
+    return {
+        "processor": name,
+        "cores": os.cpu_count() or 1,
+        "system": platform.platform(),
+        "other_programs": other_programs,
+    }

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from eldir.benchmark.measurement import big, limit_threads, ratio, time_in_turns
+from eldir.benchmark.tables import text_table
 from eldir.controller import Controller
 from eldir.core.records import FloatArray, IntArray
 from eldir.engine.batch import BatchConfig, BatchResult, prepare, run_batch
@@ -31,7 +32,8 @@ if TYPE_CHECKING:
 Bodies = list[Morphology]
 Task = Callable[[], BatchResult]
 _COPIES = 4
-_LINE = "{:40}{:>6}  {}"  # of the table
+_ROUNDING = 1e-4
+"""Smaller differences, of losses [m] and relative ones of gradients, are sums rounded in another order."""
 _STIFF = 1.0e6  # every robot diverges at once [N/m]
 
 
@@ -129,23 +131,44 @@ def measure(quick: bool, say: Callable[[str], None]) -> dict[str, Any]:
     """Gain and difference of every shortcut on one thread."""
     bodies, turns = big(6 if quick else 24), 5 if quick else 15
     values: dict[str, Any] = {"turns": turns, "robots": len(bodies), "skips": {}}
-    say(_LINE.format("shortcut", "gain", "greatest difference"))
-    for name, case in CASES.items():
+    for number, (name, case) in enumerate(CASES.items(), 1):
+        say(f"{number} of {len(CASES) + 1}: {name}")
         with limit_threads(1):
             variants = case(bodies, Scene())
             seconds = time_in_turns(variants._asdict(), turns, time.process_time)
             apart = difference(case(bodies, Scene()))
         values["skips"][name] = {"gain": round(ratio(seconds, "long", "short"), 3), "difference": apart}
-        say(_row(name, values["skips"][name]))
-    name, values["skips"][name] = "no second simulation of a design", _repeated(bodies, turns)
-    say(_row(name, values["skips"][name]))
+    say(f"{len(CASES) + 1} of {len(CASES) + 1}: {_ONCE}")
+    values["skips"][_ONCE] = _repeated(bodies, turns)
     return values
 
 
-def _row(name: str, found: dict[str, Any]) -> str:
-    """A line of the table: gain, and what differs between the two ways."""
-    differs = (f"{what} {by:.0e}" for what, by in found["difference"].items() if by)
-    return _LINE.format(name, f"{found['gain']:.2f}", ", ".join(differs) or "none: every bit is the same")
+_ONCE = "no second simulation of a design"
+_UNITS = {"loss": " m", "status": "", "gradient": " of its length"}
+
+
+def describe(values: dict[str, Any]) -> str:
+    """A table, whether results are the same, and what gains nothing here."""
+    found = values["skips"]
+    rows = []
+    for name, row in found.items():
+        differs = [f"{what} {by:.0e}{_UNITS[what]}" for what, by in row["difference"].items() if by]
+        rows.append([name, f"{row['gain']:.2f}", ", ".join(differs) or "none"])
+    table = text_table(["what is skipped", "times as fast", "greatest difference"], rows)
+    wrong = [name for name, row in found.items() if _is_wrong(row["difference"])]
+    useless = [name for name, row in found.items() if row["gain"] < 1]
+    verdict = [
+        f"FAULT: results differ by more than rounding with: {', '.join(wrong)}. Please report it."
+        if wrong
+        else "Results are the same with every shortcut, to the rounding of sums."
+    ]
+    if useless:
+        verdict.append(f"No gain on this machine: {', '.join(useless)}.")
+    return "\n".join([table, "", *verdict])
+
+
+def _is_wrong(differences: dict[str, float]) -> bool:
+    return bool(differences.get("status")) or not all(by <= _ROUNDING for by in differences.values())
 
 
 def _repeated(bodies: Bodies, turns: int) -> dict[str, Any]:

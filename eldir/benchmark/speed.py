@@ -19,6 +19,8 @@ import numpy as np
 
 from eldir.benchmark.measurement import POPULATIONS, limit_threads, ratio, time_in_turns
 from eldir.benchmark.skips import with_motors
+from eldir.benchmark.tables import text_table
+from eldir.defaults import ITERATIONS
 from eldir.engine.batch import BatchConfig, prepare
 from eldir.morphology import Morphology
 from eldir.scene import Scene
@@ -63,19 +65,61 @@ print(json.dumps({"start_s": round(started - began, 2), "kernel_s": round(time.p
 
 
 def measure(quick: bool, say: Say) -> dict[str, Any]:
-    """Measure all figures; `say` is called with a line after each."""
+    """Measure all figures; `say` is called with a line before each."""
     robots, turns = (12, 5) if quick else (24, 15)
     values: dict[str, Any] = {"steps": Scene().steps, "iterations": _ITERATIONS, "turns": turns}
-    for name, population in POPULATIONS.items():
+    for part, (name, population) in enumerate(POPULATIONS.items(), 1):
+        say(f"{part} of 5: {name} robots on one thread")
         values[name] = _throughput(population(robots if name == "big" else 2 * robots), turns)
-        say(f"{name}: {values[name]}")
+    say("3 of 5: several threads")
     values["scaling"] = _scaling(POPULATIONS["big"](2 * robots), turns)
-    say(f"scaling over threads: {values['scaling']}")
+    say("4 of 5: memory of many robots")
     values["memory"] = memory(1000 if quick else 10_000)
-    say(f"memory: {values['memory']}")
+    say("5 of 5: first use, with an empty cache of compiled kernels and with a full one")
     values["first_use"] = first_use()
-    say(f"first use: {values['first_use']}")
     return values
+
+
+_TASKS = {
+    "forward": "forward pass alone",
+    "open loop": "without sensing",
+    "passive": "without motors, forward alone",
+    "rugged": "on rugged ground",
+    "float64": "in float64",
+}
+"""What is timed relative to a whole iteration, in words."""
+
+
+def describe(values: dict[str, Any]) -> str:
+    """Tables, and what they mean for a run."""
+    kinds = [values[kind] for kind in POPULATIONS]
+    shares = [kind["share"] | kind["ratio"] for kind in kinds]
+    rows = [
+        ["springs of a robot", *(f"{kind['springs']:.0f}" for kind in kinds)],
+        ["robot-iterations [1/s]", *(f"{kind['iterations_per_s']:.0f}" for kind in kinds)],
+        ["one step of one robot [us]", *(f"{kind['us_per_step']:.2f}" for kind in kinds)],
+    ]
+    rows += [
+        [f"{task} [% of an iteration]", *(f"{share[key]:.0%}".rstrip("%") for share in shares)]
+        for key, task in _TASKS.items()
+    ]
+    table = text_table(["on one thread", *(f"{kind} robots" for kind in POPULATIONS)], rows)
+    counts, memory, first = values["scaling"], values["memory"], values["first_use"]
+    threads = text_table(
+        ["threads", *counts], [["speed, one thread = 1", *(f"{v:.2f}" for v in counts.values())]]
+    )
+    best = max(counts, key=lambda n: counts[n])
+    seconds = 1000 * ITERATIONS / values["big"]["iterations_per_s"]
+    learned = f"1000 big robots learn {ITERATIONS} iterations in {seconds:.0f} s on one thread"
+    verdict = [
+        learned + "; more threads gain nothing here."
+        if best == "1"
+        else f"{learned}, in {seconds / counts[best]:.0f} s on {best} threads.",
+        f"{memory['robots']} robots that learn need {memory['peak_gb']:.2g} GB of memory.",
+        f"The first start of a new version compiles for {first['compiled']['kernel_s']:.1f} s; later starts "
+        f"are ready after {sum(first['cached'].values()):.1f} s (processor time).",
+    ]
+    return "\n".join([table, "", threads, "", *verdict])
 
 
 def _throughput(bodies: list[Morphology], turns: int) -> dict[str, Any]:

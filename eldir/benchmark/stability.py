@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, get_args
 import numpy as np
 
 from eldir.benchmark.measurement import big
+from eldir.benchmark.tables import text_table
 from eldir.core.kernels import Precision
 from eldir.core.records import BoolArray
 from eldir.engine.stable_step import stable_step
@@ -89,34 +90,66 @@ Say = Callable[[str], None]
 
 
 def measure(quick: bool, say: Say) -> dict[str, Any]:
-    """Measure all figures; `say` is called with a line after each part."""
+    """Measure all figures; `say` is called with a line before each part."""
+    say("1 of 3: runs on both sides of the predicted limit")
     points = border(quick)
     values: dict[str, Any] = {"map": points, "agreement": agreement(points)}
-    say(_table_of_agreement(len(points), values["agreement"]))
+    say("2 of 3: extreme bodies on extreme grounds")
     values["edge"] = edge()
-    say(f"extreme cases: {sum(not e['flagged'] for e in values['edge'])} of {len(values['edge'])} unflagged")
-    values["random"] = random_robots(200 if quick else 10_000)
-    say(_table_of_random_robots(values["random"]))
+    robots = 200 if quick else 10_000
+    say(f"3 of 3: {robots} random robots learn")
+    values["random"] = random_robots(robots)
     return values
 
 
-def _table_of_agreement(points: int, shares: dict[str, float]) -> str:
-    """Lines with the shares of stable runs on both sides of the limit."""
-    head = f"map: {points} points; stable runs  below the limit  above the limit"
-    rows = (
-        f"{kind:>{head.index('  below')}}  {shares[f'{kind} below']:>15.1%}  {shares[f'{kind} above']:>15.1%}"
-        for kind in ("passive", "acting")
+def describe(values: dict[str, Any]) -> str:
+    """Tables, and whether the predicted limit and the flags can be trusted."""
+    shares, found = values["agreement"], values["random"]
+    limit = text_table(
+        [f"stable runs ({len(values['map'])} settings)", "below the limit [%]", "above the limit [%]"],
+        [
+            [f"{kind} robots", *(f"{100 * shares[f'{kind} {side}']:.1f}" for side in ("below", "above"))]
+            for kind in ("passive", "acting")
+        ],
     )
-    return "\n".join([head, *rows])
+    reasons = text_table(
+        [f"discarded of {found['robots']} random robots", "robots"],
+        [[reason, str(count)] for reason, count in found["why"].items()],
+    )
+    unflagged = [case for case in values["edge"] if not case["flagged"]]
+    dependent = [case for case in values["edge"] if not case["alone"]]
+    return "\n".join([
+        limit, "", reasons, "",
+        _judge_limit(values["map"]),
+        _judge_cases(unflagged, "has values that are not numbers without a status that says so")
+        or f"Every value that is not a number is flagged, in all {len(values['edge'])} extreme cases.",
+        _judge_cases(dependent, "depends on the other robots of the call")
+        or "No result depends on the other robots of a call.",
+        f"{found['discarded']:.2%} of random robots are discarded (the paper: 0.20 %). The others reach "
+        f"{found['mean_best_fitness']:.3f} m on average, standard error {found['standard_error']:.3f} m.",
+    ])  # fmt: skip
 
 
-def _table_of_random_robots(found: dict[str, Any]) -> str:
-    """Lines with the discarded robots, by reason, and the best fitness of the others."""
-    lines = [f"random robots: {found['robots']}, discarded {found['discarded']:.2%}"]
-    lines += [f"  {reason:12}{count:6d}" for reason, count in found["why"].items()]
-    mean, error = found["mean_best_fitness"], found["standard_error"]
-    lines += [f"  best fitness of the others: {mean:.4f} m (mean), standard error {error:.4f} m"]
-    return "\n".join(lines)
+def _judge_limit(points: list[dict[str, Any]]) -> str:
+    """Whether damped passive robots are stable below the limit, for which it is predicted."""
+    below = [p["lasted"] for p in points if p["part"] < 1 and p["damping"] > 0 and p["actuation"] == 0]
+    if not below:
+        return "Damped passive robots were not measured."
+    lasted = float(np.mean(below))
+    if lasted == 1:
+        return "The predicted limit holds: every damped passive robot was stable below it."
+    return f"The predicted limit does NOT hold: {1 - lasted:.1%} of damped passive robots diverged below it."
+
+
+def _judge_cases(cases: list[dict[str, Any]], fault: str) -> str:
+    """A sentence that names the first of the cases with a fault; empty if there is none."""
+    if not cases:
+        return ""
+    first = cases[0]
+    return (
+        f"FAULT: the result of {first['body']!r} on {first['ground']!r} in {first['precision']} {fault}. "
+        f"Such cases: {len(cases)}. Please report it."
+    )
 
 
 def border(quick: bool) -> list[dict[str, Any]]:

@@ -11,7 +11,9 @@ import typer
 
 from eldir_app.options import Device, select_device
 
-benchmark = typer.Typer(help="Measure the engine; each command writes a JSON file and a plot.")
+benchmark = typer.Typer(
+    help="Measure the engine; each command prints tables with a verdict, and writes a JSON file and a plot."
+)
 
 Out = Annotated[Path, typer.Option(metavar="DIR", help="New folder for the JSON file and the plot.")]
 Quick = Annotated[bool, typer.Option("--quick", help="Use fewer robots and repetitions: under five minutes.")]
@@ -19,7 +21,7 @@ Quick = Annotated[bool, typer.Option("--quick", help="Use fewer robots and repet
 
 @benchmark.callback()
 def _group() -> None:
-    """Measure the engine; each command writes a JSON file and a plot.
+    """Measure the engine; each command prints tables with a verdict, and writes a JSON file and a plot.
 
     Example: eldir benchmark speed --quick --out speed
     """
@@ -88,12 +90,14 @@ def built(*, out: Out, quick: Quick = False) -> None:
 
 
 def _measure(name: str, out: Path, quick: bool, **options: Any) -> None:
-    """Measure, and save the numbers and their plot."""
+    """Measure, save the numbers and their plot, and print what they mean."""
     from eldir.benchmark.measurement import save, say
+    from eldir.benchmark.other_programs import watch_other_programs
     from eldir.core.files import require_new
 
     require_new(out)
     benchmark = import_module(f"eldir.benchmark.{name}")
-    values = benchmark.measure(quick, say, **options)
-    save(out, name, values, benchmark.plot(values))
-    typer.echo(f"{out}/{name}.json and {out}/{name}.png")
+    with watch_other_programs() as others:
+        values = benchmark.measure(quick, say, **options)
+    save(out, name, values, benchmark.plot(values), others.share)
+    typer.echo(f"{benchmark.describe(values)}\n{others.describe()}\n\n{out}/{name}.json and {out}/{name}.png")

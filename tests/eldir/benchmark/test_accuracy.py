@@ -46,6 +46,12 @@ def test_accuracy_is_written_as_its_schema_says(tmp_path: Path, monkeypatch: pyt
     assert fall["second-order 4 ms f64"] < 0.3 * fall["paper 4 ms f64"]
     assert 3 < fall["second-order 4 ms f64"] / fall["second-order 2 ms f64"] < 5
     acting = written["scenes"]["acting on ground, 3e4 N/m"]["points"]
+    printed = accuracy.describe(values)
+    for name, scene in written["scenes"].items():  # the verdict by hand
+        paper = next(p for p in scene["points"] if p["name"] == "paper 4 ms f32")
+        met = min(e for e in (1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5) if paper["error_90"] < e)
+        verdict = printed.split(f"\n{name}\n")[1].split("The paper's setting")[1].splitlines()[0]
+        assert f"meets {met:g} m in {paper['ms_per_robot']:.2f} ms a robot" in verdict
     assert all(np.isfinite(p["gradient_error"]) for p in acting)
 
 

@@ -64,6 +64,11 @@ def test_speed_is_written_as_its_schema_says(tmp_path: Path, monkeypatch) -> Non
     jsonschema.validate(written, json.loads((SCHEMAS / "benchmark-speed.schema.json").read_text()))
     assert (tmp_path / "out" / "speed.png").read_bytes().startswith(b"\x89PNG")
     assert len(said) == 5
+    values["big"]["iterations_per_s"], values["scaling"] = 350.0, {"1": 1.0, "2": 1.6, "4": 1.25}
+    printed = speed.describe(values)
+    assert "1000 big robots learn 35 iterations in 100 s on one thread, in 62 s on 2 threads." in printed
+    assert "compiles for 2.0 s; later starts are ready after 3.0 s" in printed
+    assert "gain nothing" in speed.describe(values | {"scaling": {"1": 1.0, "2": 0.9}})
 
 
 def test_the_speed_of_a_device_is_written_as_its_schema_says(tmp_path: Path, monkeypatch) -> None:
@@ -82,6 +87,8 @@ def test_the_speed_of_a_device_is_written_as_its_schema_says(tmp_path: Path, mon
     jsonschema.validate(written, json.loads((SCHEMAS / "benchmark-device.schema.json").read_text()))
     assert written["big"] == {"robots": [128, 512], "iterations_per_s": [10_000.0, 10_000.0]}
     assert written["generation"]["mean_loss_m"] == -2.0 and len(said) == 6
+    printed = device.describe(values)
+    assert "fully used from 128 big robots" in printed and "diverged" not in printed
 
 
 def test_skips_are_written_as_their_schema_says(tmp_path: Path, monkeypatch) -> None:
@@ -92,6 +99,12 @@ def test_skips_are_written_as_their_schema_says(tmp_path: Path, monkeypatch) -> 
     written = json.loads((tmp_path / "out" / "skips.json").read_text())
     jsonschema.validate(written, json.loads((SCHEMAS / "benchmark-skips.schema.json").read_text()))
     assert set(written["skips"]) > set(skips.CASES)
+    assert written["machine"]["other_programs"] is None
+    assert "Results are the same with every shortcut" in skips.describe(values)
+    values["skips"]["no contact in free flight"] = {"gain": 0.9, "difference": {"loss": 2e-3, "status": 0.0}}
+    printed = skips.describe(values)
+    assert "FAULT: results differ by more than rounding with: no contact in free flight." in printed
+    assert "No gain on this machine: no contact in free flight" in printed and "loss 2e-03 m" in printed
 
 
 _SHORT = speed.Scene().replace(steps=100)  # on a busy machine too, learning takes longer than moving
@@ -115,6 +128,9 @@ def test_built_is_written_as_its_schema_says(tmp_path: Path, monkeypatch) -> Non
     same, farther = written["others"].values()
     assert same["samples"] == 1 and same["mean_difference"] == same["rms_difference"] == 0
     assert farther["mean_difference"] == farther["rms_difference"] == 0.5
+    values["ways"]["pins"] |= {"rms_difference": 0.04, "seconds_per_walk": exact["seconds_per_walk"] / 4}
+    printed = built.describe(values)
+    assert "'pins' is the fastest: 4.0 times as fast" in printed and "its difference is no error" in printed
 
 
 def _walk_in_the_engine(body: Morphology, sample: RobotParameters, table: FreeLengths, cycles: int) -> float:

@@ -33,16 +33,12 @@ def test_stability_is_written_as_its_schema_says(tmp_path: Path, monkeypatch: py
     written = json.loads((tmp_path / "out" / "stability.json").read_text())
     jsonschema.validate(written, json.loads((SCHEMAS / "benchmark-stability.schema.json").read_text()))
     assert (tmp_path / "out" / "stability.png").read_bytes().startswith(b"\x89PNG") and len(said) == 3
-    assert "{" not in "".join(said)
-    head, passive, acting = said[0].splitlines()
-    assert "below the limit" in head and passive.split()[0] == "passive" and acting.split()[-1].endswith("%")
-    assert [line.split()[0] for line in said[2].splitlines()] == [
-        "random",
-        "refused",
-        "blown",
-        "jump",
-        "best",
-    ]
+    printed = stability.describe(values)
+    assert "passive robots" in printed and "The predicted limit holds" in printed and "FAULT" not in printed
+    values["edge"][3]["flagged"] = False
+    next(p for p in values["map"] if p["part"] < 1 and p["damping"] and not p["actuation"])["lasted"] = 0.5
+    printed = stability.describe(values)
+    assert "does NOT hold" in printed and f"{values['edge'][3]['body']!r}" in printed and "FAULT" in printed
     damped = [p for p in written["map"] if p["damping"] == 15 and p["actuation"] == 0]
     assert all(p["lasted"] == 1 for p in damped if p["part"] < 1)
     assert sum(p["lasted"] for p in damped if p["part"] > 1) < 0.5 * len(damped) / 2
