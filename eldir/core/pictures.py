@@ -10,7 +10,7 @@ import csv
 import io
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -29,6 +29,21 @@ PASSIVE = "#9A9A9A"
 MARK = "#0072B2"
 """Marked masses m1 to m5."""
 GROUND = "#D9CDB8"
+
+
+class Plot(NamedTuple):
+    """A figure of a page, or why it is left out."""
+
+    caption: str
+    draw: Callable[[], Figure]
+    missing: str = ""
+    """What it would show, and why there is nothing to draw; empty if it is drawn."""
+
+
+def draw_plots(plots: Mapping[str, Plot]) -> tuple[dict[str, Figure], list[str]]:
+    """The figures by name, and what is left out, each reason once."""
+    drawn = {name: plot.draw() for name, plot in plots.items() if not plot.missing}
+    return drawn, list(dict.fromkeys(plot.missing for plot in plots.values() if plot.missing))
 
 
 def new_axes(width: float, height: float, **labels: str) -> tuple[Figure, Axes]:

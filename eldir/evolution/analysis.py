@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import fields
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from eldir.core.files import require_new
-from eldir.core.pictures import csv_text, page_templates, write_figures
+from eldir.core.pictures import Plot, csv_text, draw_plots, page_templates, write_figures
 from eldir.core.records import FloatArray
 from eldir.evolution import figures
+from eldir.evolution.best_walks import draw_walks, trained_walks
 from eldir.evolution.history import EvaluatedRobots, RunHistory, Trend, read_history
 from eldir.evolution.run_folder import RunFolder
 from eldir.evolution.status import describe_flags
@@ -48,44 +50,80 @@ def write_analysis(
     generations = run.config.generations + 1
     history = read_history(run, lambda done: step("reading", 0.5 * done / generations))
     rho, p = (float(v) for v in spearmanr(history.progenitors.sizes, history.progenitors.fitness))
-    chosen = [("last generation", history.last), ("first generation", history.first)]
     paths = []
-    for i, (name, robots) in enumerate(chosen):
-        step("training the best again", 0.5 + 0.15 * i)
+    again = not (run.config.inherit or run.config.randomisation)  # a seed alone gives what was learned
+    chosen = [("last generation", history.last), ("first generation", history.first)]
+    for i, (name, robots) in enumerate(chosen if again else []):
+        step("training the best again", 0.5 + 0.1 * i)
         paths.append((f"best of the {name}: {robots.fitness[0]:.3f} m", _best_path(run, robots)))
     zoo = _choose_diverse(history.last)
-    titles = [f"{f:.2f} m" for f in zoo.fitness]
-    step("drawing", 0.8)
-    drawn = {
-        "best": ("Displacement of the best robot before and after learning", figures.best(history.trend)),
-        "population": ("Displacement of the population", figures.population(history.trend)),
-        "size-and-fitness": (
-            f"Size and fitness of the random progenitors; Spearman's ρ = {rho:.3f} (p = {p:.2g}); "
-            "the paper's 70 000: -0.08",
-            figures.size_and_fitness(history.progenitors, rho),
-        ),
-        "bodies": ("Mean size and share of motors of the population", figures.bodies(history.trend)),
-        "zoo": (
-            "Designs of the last population that differ most in body, with their displacement",
-            figures.gallery(run.config.lattice, zoo, titles),
-        ),
-        "learning": (
-            "Centre of mass in the rollout of every learning iteration, light to dark",
-            figures.learning(paths, run.config.scene.terrain),
-        ),
-        "lineage": ("Ancestors of the best robot", figures.lineage(history)),
-        "discarded": ("Robots discarded as unstable", figures.discarded(history.trend)),
-    }
+    step("training the best of every ten generations again" if again else "drawing", 0.7)
+    plots = _plots(history, zoo, rho, p, paths)
+    drawn, left_out = draw_plots(plots)
     tables = {name: _paper_table(history, name) for name in PAPER}
     total = (int(history.trend.evaluated.sum()), int(history.trend.discarded.sum()))
     page = page_templates("eldir.evolution").get_template("analysis.html").render(
         run=run, history=history, tables=tables, paper=PAPER, total=total,
         flagged=describe_flags(history.trend.chaotic[-1], history.trend.rounded[-1]),
-        figures={name: caption for name, (caption, _) in drawn.items()},
+        figures={name: plots[name].caption for name in drawn}, left_out=left_out,
     )  # fmt: skip
     numbers = _csv_tables(history, zoo, paths, tables, (rho, p))
-    write_figures(folder, page, {name: figure for name, (_, figure) in drawn.items()}, numbers)
+    write_figures(folder, page, drawn, numbers)
     return history
+
+
+def _plots(
+    history: RunHistory, zoo: EvaluatedRobots, rho: float, p: float, paths: Sequence[tuple[str, FloatArray]]
+) -> dict[str, Plot]:
+    """The figures of a run; those with nothing to draw say why."""
+    trend, config = history.trend, history.run.config
+    single = "" if len(trend.best) > 1 else "values over the generations: only one is complete"
+    lonely = "" if len(history.progenitors.ids) > 1 else "size and fitness of the progenitors: one was valid"
+    unknown = (
+        ""
+        if paths
+        else (
+            "walks of the best robots and how they learned: with inherited weights or sampled physics a "
+            "robot cannot be trained again from its seed"
+        )
+    )
+    rootless = "" if len(history.line) > 1 else "ancestors of the best robot: it is a random progenitor"
+    sound = "" if trend.discarded.any() else "discarded robots: none was unstable"
+    ground = config.scene.terrain
+    titles = [f"{f:.2f} m" for f in zoo.fitness]
+    return {
+        "best": Plot(
+            "Displacement of the best robot before and after learning", partial(figures.best, trend), single
+        ),
+        "population": Plot("Displacement of the population", partial(figures.population, trend), single),
+        "size-and-fitness": Plot(
+            f"Size and fitness of the random progenitors; Spearman's ρ = {rho:.3f} (p = {p:.2g}); "
+            "the paper's 70 000: -0.08",
+            partial(figures.size_and_fitness, history.progenitors, rho),
+            lonely,
+        ),
+        "bodies": Plot(
+            "Mean size and share of motors of the population", partial(figures.bodies, trend), single
+        ),
+        "zoo": Plot(
+            "Designs of the last population that differ most in body, with their displacement",
+            partial(figures.gallery, config.lattice, zoo, titles),
+        ),
+        "best-walks": Plot(
+            "Body and walk of the best robot every ten generations (of a short run more often), trained "
+            "again with its seed: at the beginning (pale), half-way and at the end, and the path of the mean "
+            "of its masses",
+            lambda: draw_walks(trained_walks(history), None if ground.is_flat else ground),
+            unknown,
+        ),
+        "learning": Plot(
+            "Centre of mass in the rollout of every learning iteration, light to dark",
+            partial(figures.learning, paths, ground),
+            unknown,
+        ),
+        "lineage": Plot("Ancestors of the best robot", partial(figures.lineage, history), rootless),
+        "discarded": Plot("Robots discarded as unstable", partial(figures.discarded, trend), sound),
+    }
 
 
 def _best_path(run: RunFolder, robots: EvaluatedRobots) -> FloatArray:

@@ -68,9 +68,6 @@ def discarded(trend: Trend) -> Figure:
     """Figure of the unstable robots in every generation."""
     figure, axes = chart("generation", "discarded [% of the robots evaluated]")
     axes.bar(np.arange(len(trend.evaluated)), 100 * trend.discarded / trend.evaluated, color="#b02a1e")
-    if not np.any(trend.discarded):
-        axes.set_ylim(0, 1)
-        axes.text(0.5, 0.5, "none", transform=axes.transAxes, ha="center", va="center", color="#404040")
     return figure
 
 
@@ -162,13 +159,17 @@ def _legend(axes: Axes) -> None:
 
 
 def draw_springs(
-    axes: Axes, positions: FloatArray, body: Morphology, widths: tuple[float, float] = (1.0, 2.6)
+    axes: Axes,
+    positions: FloatArray,
+    body: Morphology,
+    widths: tuple[float, float] = (1.0, 2.6),
+    alpha: float = 1.0,
 ) -> None:
     """Add the springs of a body whose masses are at these positions, shape (M, 2). `widths` of the lines:
-    passive ones, motors."""
+    passive ones, motors; `alpha`: how opaque they are."""
     ends = positions[body.springs]
     for kind, colour, width in zip((~body.active, body.active), (PASSIVE, MOTOR), widths, strict=True):
-        axes.add_collection(LineCollection(list(ends[kind]), colors=colour, linewidths=width))
+        axes.add_collection(LineCollection(list(ends[kind]), colors=colour, linewidths=width, alpha=alpha))
 
 
 def _robot(axes: Axes, lattice: Lattice, robots: EvaluatedRobots, i: int) -> None:

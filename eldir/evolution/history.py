@@ -99,6 +99,8 @@ class RunHistory:
     """The population after the first generation, best first."""
     last: EvaluatedRobots
     """The last population, best first."""
+    best: tuple[EvaluatedRobots, ...]
+    """The best robot after each generation."""
     line: tuple[EvaluatedRobots, ...]
     """The best robot and its ancestors, youngest first; of two progenitors, the fitter is followed."""
 
@@ -108,6 +110,7 @@ def read_history(run: RunFolder, progress: Callable[[int], None] = lambda done: 
     whole = run.require_generations()
     rows: list[tuple[float, ...]] = []
     origin: dict[int, EvaluatedRobots] = {}
+    best: list[EvaluatedRobots] = []
     alive: EvaluatedRobots | None = None
     for generation in range(whole[-1][0] + 1):
         born, sound, stands = _load_evaluated(run, generation)
@@ -127,12 +130,15 @@ def read_history(run: RunFolder, progress: Callable[[int], None] = lambda done: 
             origin[int(alive.ids[i])] = alive.take(np.array([i]))
         if generation == 0:
             first = alive
+        best.append(alive.take(np.array([0])))
         flagged = [flagged_share(one, run.config.iterations) for one in (alive.chaotic, alive.rounded)]
         rows.append((*_trend_row(alive, len(sound), int((~sound).sum())), *flagged))
         progress(generation + 1)
     assert alive is not None
     trend = Trend(*np.array(rows).T)
-    return RunHistory(run, trend, progenitors, first, alive, _trace_ancestors(int(alive.ids[0]), origin))
+    return RunHistory(
+        run, trend, progenitors, first, alive, tuple(best), _trace_ancestors(int(alive.ids[0]), origin)
+    )
 
 
 def _load_evaluated(run: RunFolder, generation: int) -> tuple[EvaluatedRobots, BoolArray, BoolArray]:

@@ -74,15 +74,17 @@ def _millimetres(one: ComparedRun) -> float:
 
 
 def figures(runs: Sequence[ComparedRun]) -> dict[str, Figure]:
-    """A figure for each comparison, by its caption."""
-    return {
+    """A figure for each comparison, by its caption; of temperatures only where a log has them."""
+    drawn = {
         "Walk since the start of the cycles that count.": plot_walk(runs),
         "Walk in each cycle. Thin lines: what the schedule predicts.": plot_walk_by_cycle(runs),
         "Heights of the markers over a cycle, mean of all cycles; each run begins with its own schedule.": (
             plot_heights(runs)
         ),
-        "Modelled temperatures of the springs in the last cycle.": plot_temperatures(runs),
     }
+    if any(one.run.log.springs for one in runs):
+        drawn["Modelled temperatures of the springs in the last cycle."] = plot_temperatures(runs)
+    return drawn
 
 
 def plot_walk(runs: Sequence[ComparedRun]) -> Figure:
@@ -128,7 +130,7 @@ def plot_heights(runs: Sequence[ComparedRun]) -> Figure:
 
 def plot_temperatures(runs: Sequence[ComparedRun]) -> Figure:
     """Temperature of each spring in the last cycle [C], one plot for each spring."""
-    names = sorted({name for one in runs for name in one.run.log.springs}) or ["no springs"]
+    names = sorted({name for one in runs for name in one.run.log.springs})
     figure = Figure(figsize=(7.2, 1.2 + 1.3 * len(names)), layout="constrained")
     rows = figure.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
     for axes, name in zip(rows, names, strict=True):

@@ -5,15 +5,14 @@ from __future__ import annotations
 import base64
 import math
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from eldir.core.files import new_folder, write_bytes, write_text
-from eldir.core.pictures import page_templates, png
+from eldir.core.pictures import Plot, draw_plots, page_templates, png
 from eldir.core.records import BoolArray, FloatArray
 from eldir.parameters.wiring import Wiring
 from eldir_calibration.report import _figures as figures
@@ -132,8 +131,12 @@ def write_report(content: ReportInput, folder: Path) -> MotionReport:
             _prediction_errors(content.predicted, content.tracked),
         )
     lag = best_lag(content.simulated.by_phase(), content.tracked.by_phase())
-    pictures = _pictures(content, _draw_figures(content, motions, report, lag))
-    page = _render_page(content, report, pictures, gain)
+    plots = _plots(content, motions, report, lag)
+    drawn, left_out = draw_plots(plots)
+    pictures = {name: (plots[name].caption, png(figure)) for name, figure in drawn.items()}
+    if content.overlay is not None:
+        pictures = {"frame": (_FRAME_CAPTION, content.overlay), **pictures}
+    page = _render_page(content, report, pictures, left_out, gain)
     with new_folder(folder) as draft:
         write_text(draft / "index.html", page)
         _report_numbers(report, content, gain).save(draft / "report.json")
@@ -144,18 +147,11 @@ def write_report(content: ReportInput, folder: Path) -> MotionReport:
     return report
 
 
-def _pictures(content: ReportInput, drawings: dict[str, tuple[str, Figure]]) -> dict[str, tuple[str, bytes]]:
-    """Caption and PNG of each picture."""
-    pictures = {name: (caption, png(figure)) for name, (caption, figure) in drawings.items()}
-    if content.overlay is None:
-        return pictures
-    return {"frame": (_FRAME_CAPTION, content.overlay), **pictures}
-
-
 def _render_page(
     content: ReportInput,
     report: MotionReport,
     pictures: dict[str, tuple[str, bytes]],
+    left_out: list[str],
     gain: IdentificationGain | None,
 ) -> str:
     # Adding 0.0 takes the sign from a rounded minus zero.
@@ -187,6 +183,7 @@ def _render_page(
         quality=content.quality,
         departure=content.departure,
         pictures=[(n, c, base64.b64encode(b).decode()) for n, (c, b) in pictures.items()],
+        left_out=left_out,
         provenance=content.provenance,
         gain=gain,
     )  # fmt: skip
@@ -205,44 +202,59 @@ def _headline_positions(walk: ComparedQuantity) -> dict[str, float] | None:
     return {name: round(100 * (v - low) / (high - low), 2) for name, v in places.items()}
 
 
-def _draw_figures(
+def _plots(
     content: ReportInput, motions: dict[str, Motion], report: MotionReport, lag: int
-) -> dict[str, tuple[str, Figure]]:
-    """Caption and figure of each name."""
-    drawings = {
-        "ranges": (
+) -> dict[str, Plot]:
+    """The figures; those with nothing to draw say why."""
+    seen = any(math.isfinite(mass.mean) for mass in report.ranges["tracked"])
+    unseen = "" if seen else "vertical ranges, paths and heights: no marker was seen over a cycle"
+    plots = {
+        "ranges": Plot(
             "Vertical range of motion, mean and 95 % interval over cycles",
-            figures.draw_ranges(report),
+            partial(figures.draw_ranges, report),
+            unseen,
         ),
-        "advance": ("Forward motion of the marked masses", figures.draw_advance(motions)),
+        "advance": Plot("Forward motion of the marked masses", partial(figures.draw_advance, motions)),
     }
     if len(content.runs) > 1:
-        caption = "Each robot beside its prediction; camera with 95 % interval over cycles"
-        drawings["runs"] = (caption, figures.draw_runs(content.runs))
-    if content.frame is not None and content.plane is not None:
-        caption = (
-            "Mean cycles without the steady walk, on the frame at the start of the cycles that count. A ring "
-            "marks phase zero. The learned cycle is stretched, and shifted to where it fits best"
+        plots["runs"] = Plot(
+            "Each robot beside its prediction; camera with 95 % interval over cycles",
+            partial(figures.draw_runs, content.runs),
         )
-        cycles = figures.draw_cycles(content.frame, content.plane, motions, lag)
-        drawings["cycles"] = (caption, cycles)
-    drawings["paths"] = ("Paths of the marked masses over the cycles that count", figures.draw_paths(motions))
-    drawings["heights"] = (
+    if content.frame is not None and content.plane is not None:
+        plots["cycles"] = Plot(
+            "Mean cycles without the steady walk, on the frame at the start of the cycles that count. A ring "
+            "marks phase zero. The learned cycle is stretched, and shifted to where it fits best",
+            partial(figures.draw_cycles, content.frame, content.plane, motions, lag),
+            unseen,
+        )
+    plots["paths"] = Plot(
+        "Paths of the marked masses over the cycles that count", partial(figures.draw_paths, motions), unseen
+    )
+    plots["heights"] = Plot(
         "Height over a cycle, without its mean. Bands span all cycles. The learned cycle is "
         "stretched, and shifted to where it fits best",
-        figures.draw_heights(motions, lag),
+        partial(figures.draw_heights, motions, lag),
+        unseen,
     )
-    if content.others is not None:
-        caption = "Correlation of vertical-range profiles with the camera's, also for other bodies"
-        drawings["profiles"] = (
-            caption,
-            figures.draw_profiles(
-                content.others.profile_correlation, content.others.profile_correlation_of_others
-            ),
+    if (others := content.others) is not None:
+        own, alike = others.profile_correlation, others.profile_correlation_of_others
+        plots["profiles"] = Plot(
+            "Correlation of vertical-range profiles with the camera's, also for other bodies",
+            partial(figures.draw_profiles, own, alike),
+            "" if np.isfinite([*own.values(), *alike]).any() else "correlation of profiles: none is known",
         )
-    caption = "The motion, the contacts as read back, and the modelled temperatures"
-    drawings["heating"] = (caption, figures.draw_heating(content.tracked, **vars(content.heating)))
-    return drawings
+    heating, lacking = content.heating, []
+    if not heating.relays.any():
+        lacking.append("contacts")
+    if not np.isfinite(heating.temperatures).any():
+        lacking.append("temperatures")
+    plots["heating"] = Plot(
+        "The motion, the contacts as read back, and the modelled temperatures",
+        partial(figures.draw_heating, content.tracked, **vars(heating)),
+        f"motion and heating over time: the log has no {' and no '.join(lacking)}" if lacking else "",
+    )
+    return plots
 
 
 def _report_numbers(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,9 @@ from eldir.core.pictures import (
     GROUND,
     MOTOR,
     PASSIVE,
+    Plot,
     csv_text,
+    draw_plots,
     hide_frame,
     page_templates,
     write_figures,
@@ -26,8 +29,10 @@ from eldir.core.pictures import (
 from eldir.core.records import FloatArray
 from eldir.errors import InputError
 from eldir.evolution import tables
+from eldir.evolution.best_walks import BestWalk, draw_walks
 from eldir.evolution.figures import chart, draw_springs, whole_numbers
 from eldir.evolution.printed.archive import Walker
+from eldir.evolution.printed.best_walks import printed_walks
 from eldir.evolution.printed.run_folder import PrintedRun, read_status
 from eldir.morphology import Morphology
 from eldir.terrain import Terrain
@@ -245,40 +250,66 @@ def write_printed_analysis(
         )
     tried = [_tried(run, generation) for generation in range(status.whole)]
     shown = elites[:_SHOWN]
-    step("drawing", 0.3)
-    drawn = {
-        "progress": (
+    step("walking again", 0.4)
+    walks = printed_walks(run, status.whole)
+    step("drawing", 0.7)
+    plots = _plots(run, tried, elites, walks)
+    drawn, left_out = draw_plots(plots)
+    page = page_templates("eldir.evolution").get_template("printed.html").render(
+        run=run, status=status, elites=shown, left_out=left_out,
+        figures={name: plots[name].caption for name in drawn},
+    )  # fmt: skip
+    numbers = {"elites": _elites_table(elites), "generations": _generations_table(tried)}
+    write_figures(folder, page, drawn, numbers)
+    return elites
+
+
+def _plots(
+    run: PrintedRun, tried: Sequence[TriedRobots], elites: list[Elite], walks: Sequence[BestWalk]
+) -> dict[str, Plot]:
+    """The figures of a run; those with nothing to draw say why."""
+    shown, terrain = elites[:_SHOWN], run.config.terrain
+    estimates = sum(len(t.first_estimates) for t in tried)
+    places = {(n.rows, n.length, n.grounded) for n in (e.walker.niche for e in elites)}
+    plots = {
+        "progress": Plot(
             "Robots that reached the last trial, by generation (mean of 8 samples and its standard error), "
             "and the elites with all their samples. The best of many first estimates is too good: later "
             "ones lower it",
-            progress_figure(tried, elites),
+            partial(progress_figure, tried, elites),
+            "" if estimates > 1 else "progress: only one robot reached the last trial",
         ),
-        "archive": (
+        "best-walks": Plot(
+            "Body and walk of the robot with the best first estimate until then, every ten generations (of "
+            "a short run more often): as printed, over five cycles, at the beginning (pale), half-way and "
+            "at the end, and the path of the mean of its hubs",
+            partial(draw_walks, walks, terrain),
+            "" if walks else "walks of the best robots: none has a first estimate",
+        ),
+        "archive": Plot(
             "The best robot of each height and length: expected walk in body lengths per five cycles. In "
             "brackets: the number of niches, which differ in their number of masses",
-            archive_figure(elites),
+            partial(archive_figure, elites),
+            "" if len(places) > 1 else "the map of the archive: all elites have one height and one length",
         ),
-        "elites": (
+        "elites": Plot(
             "The best elites at one scale, with motors, expected walk and number",
-            bodies_figure(shown, run.config.terrain),
+            partial(bodies_figure, shown, terrain),
         ),
-        "gaits": ("When each motor of these elites is heated, one row a motor", gaits_figure(shown)),
-        "walks": (
+        "gaits": Plot(
+            "When each motor of these elites is heated, one row a motor", partial(gaits_figure, shown)
+        ),
+        "walks": Plot(
             "The walks of all samples of these elites; a sample that falls, folds or buckles counts as 0",
-            walks_figure(shown),
+            partial(walks_figure, shown),
         ),
     }
-    if run.config.terrain is not None:
-        drawn["ground"] = (
+    if terrain is not None:
+        plots["ground"] = Plot(
             "The ground on which all robots were tried, and the best one where it begins",
-            ground_figure(elites[0], run.config.terrain),
+            partial(ground_figure, elites[0], terrain),
         )
-    page = page_templates("eldir.evolution").get_template("printed.html").render(
-        run=run, status=status, elites=shown, figures={name: caption for name, (caption, _) in drawn.items()}
-    )  # fmt: skip
-    numbers = {"elites": _elites_table(elites), "generations": _generations_table(tried)}
-    write_figures(folder, page, {name: figure for name, (_, figure) in drawn.items()}, numbers)
-    return elites
+    return plots
 
 
 def _elite(run: PrintedRun, walker: Walker) -> Elite:

@@ -106,6 +106,15 @@ class PrintedRun(GenerationsFolder[PrintedEvolutionConfig]):
         except (KeyError, ValueError, TypeError, IndexError, InputError) as error:
             raise tables.damaged(path, "the elites of this run", error) from None
 
+    def read_genome(self, generation: int, place: int) -> PrintedGenome:
+        """The genome of a robot that was tried in a generation, by its place there. Raises `InputError` for a
+        damaged file."""
+        path = self.generation_file(generation)
+        try:
+            return self._genomes(tables.read(path).slice(place, 1))[0]
+        except (KeyError, ValueError, TypeError, IndexError, InputError) as error:
+            raise tables.damaged(path, "the robots of this run", error) from None
+
     def _genomes(self, table: pa.Table) -> list[PrintedGenome]:
         genotypes = unstack(*tables.genotype_columns(table, self.config.lattice))
         timings = table["timing"].to_pylist()

@@ -1,9 +1,14 @@
 """The report's figures: names at the paths, and a legend that leaves the maximum free."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from eldir_calibration.report._figures import draw_heating, draw_paths
+from eldir_calibration.report.controls import compare_with_others
+from eldir_calibration.report.page import write_report
+from tests.calibration.report.report_input import HEATING, content
 from tests.calibration.report.striding_walkers import walker
 
 
@@ -11,6 +16,23 @@ def test_every_path_has_the_name_of_its_mark() -> None:
     motions = {kind: walker() for kind in ("simulated", "predicted", "tracked")}
     (axes,) = draw_paths(motions).axes
     assert [t.get_text() for t in axes.texts] == list(motions["tracked"].trajectory.names)
+
+
+def test_figures_without_data_are_left_out_and_told(tmp_path) -> None:
+    """A log without contacts and temperatures, and other bodies without a correlation."""
+    none = replace(HEATING, relays=HEATING.relays & False, temperatures=HEATING.temperatures * np.nan)
+    whole = content(heating=none)
+    others = compare_with_others({"predicted": whole.predicted}, whole.tracked, [walker(noise=1e-4)])
+    unknown = replace(
+        others, profile_correlation={"predicted": np.nan}, profile_correlation_of_others=(np.nan,)
+    )
+    write_report(replace(whole, others=unknown), tmp_path / "report")
+    page = " ".join((tmp_path / "report/index.html").read_text().split())
+    assert (
+        "Not drawn: correlation of profiles: none is known; motion and heating over time: the log has no "
+        "contacts and no temperatures." in page
+    )
+    assert not {p.name for p in (tmp_path / "report").iterdir()} & {"heating.png", "profiles.png"}
 
 
 @pytest.mark.parametrize("maximum", [80.0, 90.0])

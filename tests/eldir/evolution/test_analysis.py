@@ -12,6 +12,7 @@ from lxml import etree
 
 from eldir.errors import EldirError
 from eldir.evolution import figures
+from eldir.evolution.best_walks import choose_generations, trained_walks
 from eldir.evolution.history import read_history
 from eldir.evolution.loop import LocalTrainer, run_generations
 from eldir.evolution.run_folder import RunFolder, load_generation
@@ -28,7 +29,7 @@ from tests.raised import raises
 
 SCENE = Scene.preset("paper").replace(steps=60, terrain=Terrain.rugged(np.random.default_rng(1), 0.2))
 CONFIG = EvolutionConfig(Lattice(4, 6), population=10, generations=3, iterations=4, seed=2, scene=SCENE)
-FIGURES = ["best", "population", "size-and-fitness", "bodies", "zoo", "learning", "lineage", "discarded"]
+FIGURES = ["best", "population", "size-and-fitness", "bodies", "zoo", "best-walks", "learning", "lineage"]
 
 
 @pytest.fixture(scope="module")
@@ -67,10 +68,7 @@ def drawn_ticks(axis) -> list[float]:
 
 def test_figures_of_small_runs_can_be_read(run):
     history = read_history(run)
-    none = replace(history.trend, discarded=np.zeros_like(history.trend.discarded))
-    (axes,) = figures.discarded(none).axes
-    assert axes.get_ylim() == (0, 1) and [t.get_text() for t in axes.texts] == ["none"]
-    some = replace(none, discarded=none.evaluated // 2)
+    some = replace(history.trend, discarded=history.trend.evaluated // 2)
     (axes,) = figures.discarded(some).axes
     assert axes.get_ylim()[0] == 0 and axes.get_ylim()[1] > 50 and not axes.texts
     (axes,) = figures.size_and_fitness(history.progenitors, 0.1).axes
@@ -83,6 +81,34 @@ def test_figures_of_small_runs_can_be_read(run):
     _, axes = figures.chart("generation", "walk")
     axes.plot([2], [1.0], "o")
     assert drawn_ticks(axes.xaxis) == [2]
+
+
+def test_the_best_robots_walk_again_as_they_learned(run):
+    """Bodies of the figure are those of the run, and their walks its fitness."""
+    walks = trained_walks(read_history(run))
+    assert [walk.generation for walk in walks] == [0, 1, 2, 3]
+    for walk, best in zip(walks, read_history(run).trend.best, strict=True):
+        walked = np.ptp(walk.positions[[0, -1]].mean(axis=1)[:, 0])
+        assert walk.result == f"{best:+.2f} m" and walked == pytest.approx(best, abs=1e-5)
+
+
+def test_every_ten_generations_are_chosen_and_the_last():
+    assert choose_generations(0) == [0] and choose_generations(7) == [0, 3, 6, 7]
+    assert choose_generations(34) == [0, 10, 20, 30, 34]
+    assert choose_generations(1000) == list(range(0, 1001, 100))
+    assert all(len(choose_generations(last)) <= 12 for last in range(300))
+
+
+def test_what_has_nothing_to_show_is_left_out_and_told(run, tmp_path):
+    """A run of one generation whose weights are inherited: no line has two points, no robot can be trained
+    again."""
+    first = RunFolder.create(tmp_path / "run", replace(CONFIG, generations=0, inherit=True))
+    run_generations(first, first.restore(), LocalTrainer())
+    analyse(first.path, tmp_path / "figures")
+    assert {p.stem for p in (tmp_path / "figures").glob("*.png")} == {"size-and-fitness", "zoo"}
+    page = " ".join((tmp_path / "figures/index.html").read_text().split())
+    said = page.split("Not drawn: ")[1].split("</p>")[0].split("; ")
+    assert len(said) == 4 and all(": " in one for one in said) and "one is complete" in said[0]
 
 
 def test_the_page_says_what_cannot_be_compared_with_the_paper(analysed):

@@ -25,9 +25,10 @@ from eldir.built.samples import NominalRobots, sample_walks
 from eldir.core.records import FloatArray
 from eldir.errors import EldirError, InputError
 from eldir.evolution import designs as designs_of_runs
-from eldir.evolution import load_run
+from eldir.evolution import load_run, tables
 from eldir.evolution.printed.analysis import archive_figure
 from eldir.evolution.printed.archive import Niche
+from eldir.evolution.printed.best_walks import printed_walks
 from eldir.evolution.printed.configuration import PrintedEvolutionConfig
 from eldir.evolution.printed.run_folder import PrintedRun, evolve_printed, progress_line, read_status
 from eldir.evolution.printed.search import Candidate, Evaluation, PrintedSearch
@@ -328,7 +329,7 @@ def test_analyse_draws_such_runs(whole: Path, tmp_path: Path) -> None:
     page = (out / "index.html").read_text()
     linked = set(re.findall(r'(?:src|href)="([^"]+)"', page))
     pictures = {p.name for p in out.glob("*.png")}
-    assert {p.name for p in out.iterdir()} == linked | pictures | {"index.html"} and len(pictures) == 5
+    assert {p.name for p in out.iterdir()} == linked | pictures | {"index.html"} and len(pictures) == 6
     assert all(cv2.imread(str(out / name)).std() > 3 for name in pictures)
     run = PrintedRun.open(whole)
     elites = run.restore().archive.ranked()
@@ -355,6 +356,21 @@ def test_no_table_of_such_a_page_is_cut_off_without_a_word(whole: Path, tmp_path
     found = measured(tmp_path / "figures" / "index.html", 390, tmp_path, "walk")
     assert len(found["heads"]) == 1 and found["page"] <= found["width"]
     assert found["cut"] == []
+
+
+def test_the_best_robots_of_the_figure_are_those_of_the_first_estimates(whole: Path) -> None:
+    run = PrintedRun.open(whole)
+    first, last = printed_walks(run, 2)
+    assert [first.generation, last.generation] == [0, 1]
+    walks = tables.rows(tables.read(run.generation_file(0), ["walks"]), "walks")
+    place = int(np.argmax([own.mean() if len(own) > 1 else -np.inf for own in walks]))
+    genome = run.read_genome(0, place)
+    assert (genome.body(run.config.lattice).springs == first.body.springs).all()
+    walked = float(first.result.split()[0])  # and its own nominal walk, by the mean of its hubs
+    robot = build(first.body, run.config.printed)
+    assert walked == pytest.approx(
+        np.diff(first.positions[[0, -1]].mean(axis=1)[:, 0])[0] / robot.body_length, abs=0.03
+    )
 
 
 def test_kinds_of_one_length_have_one_tick() -> None:
