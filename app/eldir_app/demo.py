@@ -149,13 +149,12 @@ def _drive_and_track(
             on_body=on_frame,
         ),
     )
-    rate = rig.camera.rate_hz if rig.camera else 1.0
     with WorkerProcess("eldir_calibration.comparison.predictions") as worker:
         return prepare_report(
             log,
             design,
             worker,
-            lambda frames: progress("tracking", min(frames / (rate * total), 1.0)),
+            lambda frames, of: progress("tracking", frames / max(of, 1)),
             samples=config.samples,
         )
 

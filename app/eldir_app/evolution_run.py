@@ -128,7 +128,6 @@ def create_printed_run(out: Path, options: NewRunOptions) -> PrintedRun:
     """A new run of printed robots. Raises `InputError` for too few robots, and for more motors than the rig
     can heat."""
     from eldir import defaults
-    from eldir.core.files import require_new
     from eldir.evolution.printed.configuration import PrintedEvolutionConfig
     from eldir.lattice import Lattice
     from eldir_hardware.planning.workshop import make_workshop
@@ -137,7 +136,6 @@ def create_printed_run(out: Path, options: NewRunOptions) -> PrintedRun:
     offspring = defaults.PRINTED_OFFSPRING if options.population is None else options.population
     fewest = defaults.MIN_PRINTED_OFFSPRING
     require_value("--population", offspring >= fewest, f"at least {fewest} printed robots", offspring)
-    require_new(out)
     conditions = make_workshop(options.rig)
     motors = options.max_motors
     if motors is None:

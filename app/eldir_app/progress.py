@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 _SILENT_S = 2.0  # shorter work prints no line
 _STAGE_INTERVAL_S = 2.0  # min. time to the first line of a new stage
 _LINE_INTERVAL_S = 10.0  # min. time to the next line of the same stage
+_MIN_KNOWN = 0.02  # fraction from which the time left is estimated
 
 
 def progress_bar(*columns: ProgressColumn, note: str = "", is_permanent: bool = False) -> Progress:
@@ -58,9 +59,11 @@ class _PlainProgress(Progress):
         self._started = time.monotonic()
         self._printed = float("-inf")
         self._stage = ""
+        self._begun: dict[TaskID, float] = {}
 
     def add_task(self, *args: Any, **kwargs: Any) -> TaskID:
         task = super().add_task(*args, **kwargs)
+        self._begun[task] = time.monotonic()
         self._print(task)
         return task
 
@@ -77,4 +80,13 @@ class _PlainProgress(Progress):
         counted = f"{task.completed:g} done" if task.completed else ""
         done = f"{task.percentage:.0f} %" if task.total else counted
         line = ": ".join(part for part in (task.description or "working", done) if part)
-        print(f"{line} ({now - self._started:.0f} s)", file=sys.stderr, flush=True)
+        left = self._left(task_id, now)
+        print(f"{line} ({now - self._started:.0f} s{left})", file=sys.stderr, flush=True)
+
+    def _left(self, task_id: TaskID, now: float) -> str:
+        """How long the task still takes if it goes on as fast as until now; empty where that is unknown."""
+        task = self._tasks[task_id]
+        known = task.completed / task.total if task.total else 0.0
+        if not _MIN_KNOWN <= known < 1:
+            return ""
+        return f", about {(now - self._begun[task_id]) * (1 - known) / known:.0f} s left"

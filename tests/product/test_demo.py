@@ -101,7 +101,7 @@ def test_the_catalogue_tells_what_the_report_says(
     told = report["verdict"]["body_lengths_per_5_cycles"]
     assert (run.expected, run.filmed) == (told["predicted"], told["tracked"])
     assert run.verdict == (told["agreement"] or "")
-    compared = compared_run(out / "log.mcap", lambda frames: None)
+    compared = compared_run(out / "log.mcap", lambda frames, total: None)
     assert compared.motion.displacement() == pytest.approx(told["tracked"], abs=1e-8)
 
 

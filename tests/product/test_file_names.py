@@ -88,6 +88,17 @@ def test_a_rig_file_names_any_other_design(name: str, tmp_path: Path) -> None:
     assert Rig.load(tmp_path / "rig.yaml").virtual.design == name
 
 
+def test_a_design_is_named_from_where_the_person_stands(tmp_path: Path) -> None:
+    """And from the rig file's folder in the rig file, so that both can be moved together."""
+    for folder in ("robots", "rigs"):
+        (tmp_path / folder).mkdir()
+    (tmp_path / "robots" / "one.json").touch()
+    words = ["rig", "new", "--design", "robots/one.json", "--out", "rigs/rig.yaml"]
+    done = eldir(*words, cwd=tmp_path)
+    assert done.returncode == 0 and "does not exist" not in done.stdout, done.stderr
+    assert Rig.load(tmp_path / "rigs" / "rig.yaml").virtual.design == "../robots/one.json"
+
+
 @pytest.mark.parametrize("name", [".", "", ".."])
 def test_what_is_no_file_is_not_shown(name: str) -> None:
     refused = eldir("show", name)

@@ -32,10 +32,10 @@ def test_a_line_per_stage_and_every_ten_seconds(clock: Time, capsys: pytest.Capt
     lines = told.err.splitlines()
     assert lines[0] == "fitting: minutes"
     assert lines[1:] == [
-        "reading: 5 % (2 s)",
-        "reading: 30 % (12 s)",
-        "fit: 52 % (21 s)",
-        "fit: 78 % (31 s)",
+        "reading: 5 % (2 s, about 38 s left)",
+        "reading: 30 % (12 s, about 28 s left)",
+        "fit: 52 % (21 s, about 19 s left)",
+        "fit: 78 % (31 s, about 9 s left)",
     ]
     assert "\x1b" not in told.err and "\r" not in told.err
 

@@ -42,11 +42,13 @@ class ComparedRun:
         return None if walk is None else walk.mean
 
 
-def compared_run(log: Path, progress: Callable[[int], None]) -> ComparedRun:
-    """A log with its filmed motion, tracked from its pictures. Raises `InputError` for a log without design,
-    schedule, rig or pictures, or one that ends before a whole cycle."""
+def compared_run(log: Path, progress: Callable[[int, int], None]) -> ComparedRun:
+    """A log with its filmed motion, tracked from its pictures. `progress` is called with the number of
+    pictures so far, and of all. Raises `InputError` for a log without design, schedule, rig or pictures, or
+    one that ends before a whole cycle."""
     run = read_run(log)
-    return ComparedRun(str(log), run, track_run(run, progress).motion)
+    total = run.log.frame_count
+    return ComparedRun(str(log), run, track_run(run, lambda frames: progress(frames, total)).motion)
 
 
 def write_comparison(runs: Sequence[ComparedRun], page: Path) -> None:

@@ -54,9 +54,9 @@ def adapt(
     from eldir_hardware.safety.latch import require_unlatched
     from eldir_hardware.safety.limits import check_rig, check_room
 
+    _require_own_folder(out)
     Design.load(design)
     rig = Rig.load(rig_file)
-    _require_own_folder(out)
     check_rig(rig)
     check_room(rig, room)
     if rig.kind == "real" and rig.board.port is not None:
@@ -97,10 +97,12 @@ def adapt(
 
 
 def _require_own_folder(out: Path) -> None:
-    """Raise `EldirError` for a folder that holds something else than an adaptation."""
+    """Raise `EldirError` for a folder that holds something else than an adaptation, or cannot be written."""
+    from eldir.core.files import require_folder
     from eldir.errors import EldirError
     from eldir_calibration.adaptation.prior import PRIOR
 
+    require_folder(out / PRIOR)
     names = {path.name for path in out.iterdir()} if out.is_dir() else set()
     is_own = "run_01" in names or names <= {PRIOR}
     if out.exists() and not (out.is_dir() and is_own):

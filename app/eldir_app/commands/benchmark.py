@@ -76,6 +76,9 @@ def built(*, out: Out, quick: Quick = False) -> None:
 
     Example: eldir benchmark built --quick --out built
     """
+    from eldir.core.files import require_new
+
+    require_new(out)
     from eldir.benchmark.measurement import say
 
     others = {}

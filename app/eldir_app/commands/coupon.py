@@ -20,10 +20,12 @@ def coupon(
 
     Example: eldir coupon --out coupon
     """
+    from eldir.core.files import require_new
     from eldir_cad.kit.printer import load_printer
     from eldir_cad.kit.specification import load_specification
     from eldir_cad.packet.coupon import ALLOWANCE, write_coupon
 
+    require_new(out)
     check_printer(printer)
     profile = load_printer(printer)
     write_coupon(out, load_specification(parts), profile)

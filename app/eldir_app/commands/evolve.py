@@ -180,6 +180,9 @@ def evolve(
 
     Example: eldir evolve --objective printed --out run --seed 1
     """
+    from eldir.core.files import require_new
+
+    require_new(out)
     from eldir_app.evolution_run import NewRunOptions, run_evolution
 
     select_device(device)

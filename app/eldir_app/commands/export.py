@@ -38,6 +38,7 @@ def export(
 
     Example: eldir export design.json --schedule schedule.json --out robot.xml
     """
+    from eldir.core.files import require_new
     from eldir.design import Design
     from eldir_cad.kit.printer import load_printer
     from eldir_cad.kit.specification import load_specification
@@ -47,6 +48,7 @@ def export(
 
     if out.suffix != ".xml":
         raise typer.BadParameter(f"expected a file that ends in .xml; found {out.name!r}", param_hint="--out")
+    require_new(out)
     check_printer(printer)
     springs = None if rig is None else Rig.load(rig).spring_parameters()
     heating = None if schedule is None else ActuationSchedule.load(schedule)

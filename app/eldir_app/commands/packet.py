@@ -33,6 +33,9 @@ def packet(
 
     Example: eldir packet design.json --out packet --without-motor 0 --ballast 9g@front
     """
+    from eldir.core.files import require_new
+
+    require_new(out)
     from rich.console import Console
 
     from eldir.design import Ballast, Design, Variant

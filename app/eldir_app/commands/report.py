@@ -36,8 +36,6 @@ def report(
     require_new(out)
     # The worker process imports at the same time as this one.
     with WorkerProcess("eldir_calibration.comparison.predictions") as worker:
-        from rich.progress import SpinnerColumn, TextColumn
-
         from eldir.built.scene import PrintedScene
         from eldir.design import Design
         from eldir_app.progress import progress_bar
@@ -47,12 +45,12 @@ def report(
 
         robot = Design.load(design)
         identified = None if scene is None else PrintedScene.load(scene)
-        columns = (SpinnerColumn(), TextColumn("tracking: {task.completed} frames"))
-        with progress_bar(*columns) as progress:
-            task = progress.add_task("", total=None)
+        with progress_bar() as progress:
+            task = progress.add_task("tracking the film", total=None)
 
-            def show(frames: int) -> None:
-                progress.update(task, completed=frames)
+            def show(frames: int, total: int) -> None:
+                last = "; predicting robots like this one" * (frames == total)
+                progress.update(task, completed=frames, total=total, description=f"tracking the film{last}")
 
             content = prepare_report(logs, robot, worker, show, identified)
     motion = write_report(content, out)

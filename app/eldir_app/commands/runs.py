@@ -103,17 +103,16 @@ def _find_runs(places: list[Path]) -> Catalogue:
 
 
 def _compare(logs: Sequence[Path], page: Path) -> None:
-    from rich.progress import SpinnerColumn, TextColumn
-
     from eldir_app.catalogue.comparison import compared_run, write_comparison
     from eldir_app.progress import progress_bar
 
-    with progress_bar(SpinnerColumn(), TextColumn("{task.description}: {task.completed} frames")) as progress:
-        task = progress.add_task("tracking", total=None)
+    with progress_bar() as progress:
 
         def track(log: Path) -> ComparedRun:
-            progress.update(task, description=f"tracking {log.name}", completed=0)
-            return compared_run(log, lambda frames: progress.update(task, completed=frames))
+            task = progress.add_task(f"tracking {log.name}", total=None)
+            return compared_run(
+                log, lambda frames, total: progress.update(task, completed=frames, total=total)
+            )
 
         compared = [track(log) for log in logs]
     write_comparison(compared, page)

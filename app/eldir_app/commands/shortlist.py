@@ -33,8 +33,10 @@ def shortlist(
     """
     import json
 
-    from eldir.built.scene import PrintedScene
     from eldir.core.files import require_new
+
+    require_new(out)
+    from eldir.built.scene import PrintedScene
     from eldir.evolution.designs import load_run, open_run
     from eldir.evolution.printed.run_folder import PrintedRun
     from eldir_app.progress import progress_bar, show_stages
@@ -44,7 +46,6 @@ def shortlist(
     from eldir_cad.shortlist.ranking import rank
 
     check_printer(printer)
-    require_new(out)  # before the minutes that the ranking takes
     specification, profile = load_specification(parts), load_printer(printer)
     identified = None if scene is None else PrintedScene.load(scene)
     designs, folder = load_run(run), open_run(run)

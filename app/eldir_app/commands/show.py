@@ -56,10 +56,9 @@ def show(
     from eldir.design import Design
     from eldir.show import picture
 
-    if out is not None:
-        require_folder(out)
-    robot = _best(design) if design.is_dir() else Design.load(design)
     target = out if out is not None else _beside(design, ".png" if schedule is None else ".webm")
+    require_folder(target)
+    robot = _best(design) if design.is_dir() else Design.load(design)
     if target.suffix == ".png":
         write_bytes(target, picture(robot))
     else:

@@ -126,21 +126,20 @@ class _TrackingConfig:
 
 def _track(frames: Source, config: _TrackingConfig) -> tuple[_Filming | None, TrackingResult]:
     """Track the markers with a progress bar."""
-    from rich.progress import SpinnerColumn, TextColumn
-
     from eldir_app.progress import progress_bar
     from eldir_hardware.markers.registration import require_kind
     from eldir_hardware.vision import pipeline
     from eldir_hardware.vision.recording_setup import read_marker_kind
-    from eldir_hardware.vision.sources import CameraDevice
+    from eldir_hardware.vision.sources import CameraDevice, LoggedFrames
 
     kind = (
         read_marker_kind(frames.attachments, frames.name)
         if config.kind is None
         else require_kind(config.kind)
     )
-    with progress_bar(SpinnerColumn(), TextColumn("{task.completed} frames")) as progress:
-        task = progress.add_task("", total=None)
+    total = frames.log.frame_count if isinstance(frames, LoggedFrames) else None
+    with progress_bar() as progress:
+        task = progress.add_task("tracking the film", total=total)
 
         def show(frames: int) -> None:
             progress.update(task, completed=frames)

@@ -64,7 +64,7 @@ def prepare_report(
     paths: Path | Sequence[Path],
     design: Design,
     worker: WorkerProcess,
-    progress: Callable[[int], None] = lambda frames: None,
+    progress: Callable[[int, int], None] = lambda frames, total: None,
     scene: PrintedScene | None = None,
     samples: int = SAMPLES,
 ) -> ReportInput:
@@ -74,14 +74,14 @@ def prepare_report(
 
     With a `scene`, the identified robot is predicted; the prediction of the nominal robot is shown as
     "before". `samples`: of the first log's robot. `progress` is called with the number of frames tracked so
-    far. A log without frames raises `InputError`.
+    far, and of those in all logs. A log without frames raises `InputError`.
     """
     runs = _open_filmed_runs([paths] if isinstance(paths, Path) else paths, design)
     worker.begin(predict_runs, [run.without_log() for run in runs], scene, samples)
     tracked: list[TrackedRun] = []
-    done = 0
+    done, total = 0, sum(run.log.frame_count for run in runs)
     for run in runs:
-        tracked.append(track_run(run, _offset_progress(done, progress)))
+        tracked.append(track_run(run, _offset_progress(done, total, progress)))
         done += tracked[-1].quality.frames
     predictions: PredictedMotions = worker.value()
     filmed = tuple(
@@ -177,8 +177,8 @@ def _truncate(predicted: Motion, tracked: Motion) -> Motion:
     return replace(predicted, cycles=min(predicted.cycles, tracked.cycles))
 
 
-def _offset_progress(done: int, progress: Callable[[int], None]) -> Callable[[int], None]:
-    return lambda frames: progress(done + frames)
+def _offset_progress(done: int, total: int, progress: Callable[[int, int], None]) -> Callable[[int], None]:
+    return lambda frames: progress(done + frames, total)
 
 
 def track_run(run: LoggedRun, progress: Callable[[int], None]) -> TrackedRun:

@@ -29,8 +29,10 @@ def firmware(
 
     Example: eldir rig firmware --rig rig.yaml --out firmware
     """
+    from eldir.core.files import require_new
     from eldir_hardware.rig.configuration import Rig
 
+    require_new(out)
     _write_firmware(out, None if rig_file is None else Rig.load(rig_file))
     typer.echo(f"wrote {out}; copy its files onto the board: docs/reference/mosfet-board.md")
 

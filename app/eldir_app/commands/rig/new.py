@@ -23,10 +23,8 @@ def new(
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Random seed of the virtual rig's deviations.")] = 1,
     design: Annotated[
-        str | None,
-        typer.Option(
-            help="Design file of the robot on the virtual rig. The path is relative to the rig file."
-        ),
+        Path | None,
+        typer.Option(help="Design file of the robot on the virtual rig."),
     ] = None,
     in_series: InSeries = False,
 ) -> None:
@@ -51,16 +49,18 @@ def new(
         raise typer.BadParameter(
             f"{problem}: expected a serial port, such as /dev/serial/by-path/...", param_hint="--port"
         )
-    if design is not None and os.fsencode(design) != design.encode(errors="replace"):
+    # A rig file and its design may be moved together.
+    named = None if design is None else os.path.relpath(design, out.parent)
+    if named is not None and os.fsencode(named) != named.encode(errors="replace"):
         raise InputError(
-            "a rig file cannot name this design", expected="a name in UTF-8", found=design, remedy="rename it"
+            "a rig file cannot name this design", expected="a name in UTF-8", found=named, remedy="rename it"
         )
     require_new(out)
     if virtual:
-        text = virtual_rig(seed, design, physics=default_physics(), in_series=in_series)
+        text = virtual_rig(seed, named, physics=default_physics(), in_series=in_series)
     else:
         text = real_rig(board, str(port), in_series=in_series)
     write_text(out, text)
     typer.echo(f"wrote {out}")
-    if design is not None and not (out.parent / design).exists():
-        typer.echo(f"note: {out.parent / design} does not exist yet; the path is relative to the rig file")
+    if design is not None and not design.exists():
+        typer.echo(f"note: {design} does not exist yet")

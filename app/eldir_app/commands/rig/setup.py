@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import shlex
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -66,7 +68,7 @@ def setup(
         _Text, typer.Option(help="Camera: camera:0, /dev/video0, the address of a stream, or none.")
     ] = None,
     tags: Annotated[
-        _Text, typer.Option(help="File with the places of the reference tags, relative to the rig file.")
+        _Text, typer.Option(help="File with the places of the reference tags, such as tags.json of a packet.")
     ] = None,
     calibrate: Annotated[
         bool | None,
@@ -120,6 +122,8 @@ def setup(
         camera=camera,
         tags=tags,
     )
+    if tags is not None and Path(tags).exists():  # the rig file names files from its own folder
+        config = replace(config, tags=os.path.relpath(tags, out.parent))
     questions = Questions(draft, config, dialogue)
     try:
         if draft.is_begun:
