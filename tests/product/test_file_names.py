@@ -94,7 +94,7 @@ def test_a_design_is_named_from_where_the_person_stands(tmp_path: Path) -> None:
         (tmp_path / folder).mkdir()
     (tmp_path / "robots" / "one.json").touch()
     words = ["rig", "new", "--design", "robots/one.json", "--out", "rigs/rig.yaml"]
-    done = eldir(*words, cwd=tmp_path)
+    done = eldir(*words, shell=f'cd {tmp_path} && exec "$@"')
     assert done.returncode == 0 and "does not exist" not in done.stdout, done.stderr
     assert Rig.load(tmp_path / "rigs" / "rig.yaml").virtual.design == "../robots/one.json"
 
