@@ -62,9 +62,12 @@ def _calibrate(source: str, pattern: Pattern, seconds: float, out: Path, picture
     from eldir.core.files import write_bytes
     from eldir_hardware.camera.lens_fit import calibrate_lens, coverage_map
     from eldir_hardware.camera.views import find_views
-    from eldir_hardware.vision.sources import calibration_pictures, open_source
+    from eldir_hardware.vision.sources import CameraDevice, calibration_pictures, open_source
 
     frames = open_source(source, rate=1.0, seconds=seconds)
+    if isinstance(frames, CameraDevice):
+        how = "hold the pattern near and far, to all sides, tilted"
+        typer.echo(f"filming for {seconds:g} s, one picture a second: {how}", err=True)
     fit = calibrate_lens(find_views(calibration_pictures(frames), pattern), {"source": str(source)})
     lens = fit.lens
     lens.save(out)
