@@ -13,7 +13,7 @@ MODULES = [
     "eldir.evolution.loop", "eldir.evolution.variation", "eldir.evolution.population",
     "eldir.evolution.run_folder",
     "eldir.evolution.tables", "eldir.evolution.designs", "eldir.evolution.history", "eldir.evolution.status",
-    "eldir.evolution.analysis", "eldir.evolution.figures", "eldir.evolution.cluster",
+    "eldir.evolution.analysis", "eldir.evolution.best_walks", "eldir.evolution.figures", "eldir.evolution.cluster",
     "eldir.design", "eldir.trajectory", "eldir.show", "eldir.errors", "eldir.defaults",
     "eldir.training.configuration", "eldir.training.loop", "eldir.training.fitting",
     "eldir.training.randomisation", "eldir.training.gradients", "eldir.training.own_loss",

@@ -62,5 +62,7 @@ def new(
         text = real_rig(board, str(port), in_series=in_series)
     write_text(out, text)
     typer.echo(f"wrote {out}")
-    if design is not None and not design.exists():
+    if design is not None and not virtual:
+        typer.echo("note: the file of a real rig names no design; eldir gait and eldir rig doctor take it")
+    elif design is not None and not design.exists():
         typer.echo(f"note: {design} does not exist yet")
