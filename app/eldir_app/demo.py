@@ -149,12 +149,19 @@ def _drive_and_track(
             on_body=on_frame,
         ),
     )
+
+    def show(frames: int, total: int) -> None:
+        if frames < total:
+            progress("tracking", frames / total)
+        else:
+            progress("predicting robots like this one", 0.0)
+
     with WorkerProcess("eldir_calibration.comparison.predictions") as worker:
         return prepare_report(
             log,
             design,
             worker,
-            lambda frames, of: progress("tracking", frames / max(of, 1)),
+            show,
             samples=config.samples,
         )
 

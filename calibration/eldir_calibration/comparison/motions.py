@@ -83,6 +83,7 @@ def prepare_report(
     for run in runs:
         tracked.append(track_run(run, _offset_progress(done, total, progress)))
         done += tracked[-1].quality.frames
+    progress(total, total)  # duplicates are not tracked
     predictions: PredictedMotions = worker.value()
     filmed = tuple(
         FilmedRun(
