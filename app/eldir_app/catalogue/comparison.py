@@ -65,8 +65,10 @@ def write_comparison(runs: Sequence[ComparedRun], page: Path) -> None:
         ("filmed", [signed(one.motion.displacement()) for one in runs]),
         ("filmed, mm in a cycle", [f"{_millimetres(one):+.0f}" for one in runs]),
     ]
+    left_out = "" if _have_temperatures(runs) else "temperatures: no log has them"
     text = page_templates("eldir_app.catalogue").get_template("comparison.html").render(
-        names=[one.name for one in runs], rows=rows, figures=pictures, made=version_and_date()
+        names=[one.name for one in runs], rows=rows, figures=pictures, left_out=left_out,
+        made=version_and_date(),
     )  # fmt: skip
     write_text(page, text)
 
@@ -84,9 +86,13 @@ def figures(runs: Sequence[ComparedRun]) -> dict[str, Figure]:
             plot_heights(runs)
         ),
     }
-    if any(one.run.log.springs for one in runs):
+    if _have_temperatures(runs):
         drawn["Modelled temperatures of the springs in the last cycle."] = plot_temperatures(runs)
     return drawn
+
+
+def _have_temperatures(runs: Sequence[ComparedRun]) -> bool:
+    return any(one.run.log.springs for one in runs)
 
 
 def plot_walk(runs: Sequence[ComparedRun]) -> Figure:

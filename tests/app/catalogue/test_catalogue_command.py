@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from typer.testing import CliRunner, Result
 
 from eldir.trajectory import Trajectory
 from eldir_app.application import application
-from eldir_app.catalogue.comparison import ComparedRun, figures
+from eldir_app.catalogue.comparison import ComparedRun, figures, write_comparison
 from eldir_app.catalogue.facts import notes_file
 from eldir_calibration.comparison.recorded_run import LoggedRun
 from eldir_calibration.report.comparison import Motion
@@ -155,3 +156,21 @@ def test_overlays_hold_what_was_filmed(folder: Path) -> None:
     np.testing.assert_allclose(per_cycle, [[0.5] * 3, [1.5] * 3])
     assert [len(axes.get_lines()) for axes in heights.axes] == [2, 2, 1]
     assert max(heights.axes[0].get_lines()[0].get_ydata()) == pytest.approx(10.0, rel=0.05)
+
+
+def test_overlays_have_the_temperatures_of_the_last_cycle_or_say_that_there_are_none(
+    folder: Path, tmp_path: Path
+) -> None:
+    cold = compared(folder / "one.mcap", "cold", 0.01)
+    write_comparison([cold], tmp_path / "cold.html")
+    assert "Not drawn: temperatures: no log has them." in (tmp_path / "cold.html").read_text()
+    times = np.arange(0.0, 7.0)
+    log = replace(
+        cold.run.log, springs=("spring0_front",), temperature_times=times, temperatures=30.0 + times[:, None]
+    )
+    warm = replace(cold, run=replace(cold.run, log=log))
+    *_, warmth = figures([warm, cold]).values()
+    (line,) = warmth.axes[0].get_lines()  # three cycles of 2 s after one second
+    np.testing.assert_allclose(line.get_xydata(), [[0, 35], [1, 36]])
+    write_comparison([warm], tmp_path / "warm.html")
+    assert "Not drawn" not in (tmp_path / "warm.html").read_text()
