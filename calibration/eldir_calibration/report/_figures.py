@@ -44,6 +44,7 @@ ALT_TEXTS = {
     "spring, and a line at the rig's maximum.",
 }
 """What each picture shows, for those who do not see it."""
+_CYCLES_ASPECT = 1.5  # of the part of the picture that is shown
 _CHANNELS = ["#0072B2", "#56B4E9", "#D55E00", "#E69F00", "#009E73", "#CC79A7", "#000000", "#999999"]
 
 
@@ -130,7 +131,7 @@ def draw_cycles(image: Image, plane: Plane, motions: dict[str, Motion], lag: int
     puts the camera's phase zero, a ring, onto the mass; the learned cycle is shifted by its lag."""
     folded = {kind: motions[kind].by_phase() for kind in MOTION_KINDS}
     places = folded["tracked"][0, 0] - mean_cycle(folded["tracked"])[0]
-    figure, axes = new_axes(7.0, 5.0)
+    figure, axes = new_axes(7.0, 7.0 / _CYCLES_ASPECT + 0.35)  # with the names above
     axes.imshow(image[..., ::-1], interpolation="lanczos")
     seen = []
     for kind in MOTION_KINDS:
@@ -147,7 +148,10 @@ def draw_cycles(image: Image, plane: Plane, motions: dict[str, Motion], lag: int
     if len(around):
         low, high = around.min(axis=0), around.max(axis=0)
         margin = 0.35 * (high - low).max() + 10
-        axes.set_xlim(low[0] - margin, high[0] + 2.5 * margin)
+        left, right = low[0] - margin, high[0] + 2.5 * margin
+        # As wide as the figure, so that no white is beside the picture.
+        spare = max(0.0, _CYCLES_ASPECT * (high[1] - low[1] + 2 * margin) - (right - left)) / 2
+        axes.set_xlim(max(left - spare, min(left, 0.0)), min(right + spare, max(right, image.shape[1] - 1.0)))
         axes.set_ylim(high[1] + margin, low[1] - margin)
     axes.set_axis_off()
     axes.legend(frameon=False, ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1.0))
