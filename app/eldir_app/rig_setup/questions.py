@@ -65,6 +65,24 @@ class SetupConfig:
     camera: str | None = None
     tags: str | None = None
 
+    @property
+    def missing(self) -> list[str]:
+        """Options that a setup without a terminal lacks."""
+        unneeded = {
+            name
+            for answer, name in (
+                (self.fan, "fan_channel"),
+                (self.cutoff, "cutoff_value"),
+                (self.camera, "tags"),
+            )
+            if answer in (None, NONE)
+        }
+        return [
+            f"--{name.replace('_', '-')}"
+            for name, answer in vars(self).items()
+            if answer is None and name not in unneeded
+        ]
+
 
 @dataclass(frozen=True)
 class Questions:

@@ -1,6 +1,7 @@
 """`eldir rig setup`: dialogue at a terminal, answers as options, boards found by unplugging, wiring felt."""
 
 import os
+import re
 import pty
 import select
 import signal
@@ -209,11 +210,21 @@ def test_ctrl_c_at_a_question_about_heat_stops_everything(tmp_path):
 
 @pytest.mark.parametrize("missing", [*ANSWERS, "--port", "--in-series"])
 def test_a_missing_answer_without_a_terminal_is_refused_by_name(missing, tmp_path):
+    """The value of a cut-off or a fan's channel is asked for once there is one."""
     with emulated("lcus") as board:
         given = [w for w in ("--port", board.port)] if missing != "--port" else []
         words = options(**{missing[2:].replace("-", "_"): None})[missing == "--in-series" :]
         refused = run("setup", "--out", tmp_path / "rig.yaml", *given, *words)
-    assert refused.exit_code == 2 and f"Invalid value for {missing}: its answer is missing" in refused.output
+    assert refused.exit_code == 2 and f"Invalid value for {missing}: an answer for each" in refused.output
+    assert not (tmp_path / "rig.yaml").exists()
+
+
+def test_all_missing_answers_are_named_at_once_without_a_terminal(tmp_path):
+    refused = run("setup", "--out", tmp_path / "rig.yaml", "--fan", "none", "--voltage", "11")
+    said = refused.output.partition("Invalid value for ")[2]
+    named = re.findall("--[a-z-]+", said.partition(": an answer")[0])
+    others = [o for o in ANSWERS if o not in ("--fan", "--fan-channel", "--voltage", "--cutoff-value")]
+    assert sorted(named) == sorted(["--port", "--in-series", *others])
 
 
 def test_a_rig_that_would_not_arm_is_not_told_to_be_ready(tmp_path):

@@ -122,6 +122,9 @@ def setup(
         camera=camera,
         tags=tags,
     )
+    if config.missing and not dialogue.is_interactive:
+        problem = "an answer for each is needed, because there is no terminal to ask at"
+        raise typer.BadParameter(problem, param_hint=", ".join(config.missing))
     if tags is not None and Path(tags).exists():  # the rig file names files from its own folder
         config = replace(config, tags=os.path.relpath(tags, out.parent))
     questions = Questions(draft, config, dialogue)
