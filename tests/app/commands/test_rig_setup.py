@@ -1,8 +1,8 @@
 """`eldir rig setup`: dialogue at a terminal, answers as options, boards found by unplugging, wiring felt."""
 
 import os
-import re
 import pty
+import re
 import select
 import signal
 import sys
