@@ -18,7 +18,7 @@ from eldir.benchmark.measurement import limit_threads
 from eldir.benchmark.other_programs import watch_other_programs
 from eldir.core.records import FloatArray
 from eldir.defaults import Ground
-from eldir.evolution.search import make_terrain
+from eldir.evolution.paper.configuration import make_terrain
 from eldir.parameters.printed import BuiltParameters
 
 SEEDS = (4711, 11, 12)

@@ -12,8 +12,8 @@ import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 
@@ -22,9 +22,11 @@ from eldir.controller import Controller
 from eldir.engine.pack import pack
 from eldir.engine.shortcuts import distinct
 from eldir.engine.stable_step import substeps
-from eldir.evolution.population import Robots
-from eldir.evolution.run_folder import RunFolder
-from eldir.evolution.search import EvolutionConfig, Search
+from eldir.evolution.paper.configuration import EvolutionConfig
+from eldir.evolution.paper.learning import LearningBatch
+from eldir.evolution.paper.problem import PaperProblem
+from eldir.evolution.paper.run_folder import RunFolder
+from eldir.evolution.search import Search
 from eldir.physics import resolve_physics
 from eldir.training.loop import InitialControllers, make_seed_keys
 
@@ -40,12 +42,12 @@ def measure(robots: int, shard: int) -> dict[str, tuple[float, float]]:
         before = spent.get(name, (0.0, 0.0))
         spent[name] = before[0] + time.perf_counter() - clock, before[1] + time.process_time() - processor
 
-    def pass_by_the_kernel(born: Robots) -> list[Controller]:
+    def pass_by_the_kernel(born: LearningBatch) -> list[Controller]:
         with part("development"):
-            bodies = born.morphologies(config.lattice)
+            bodies = born.bodies
         with part("duplicates and steps"):
             keys, physics = (
-                make_seed_keys(len(bodies), born.seeds.tolist()),
+                make_seed_keys(len(bodies), born.seeds),
                 resolve_physics(bodies, config.scene, None),
             )
             distinct(bodies, keys, physics)
@@ -57,26 +59,27 @@ def measure(robots: int, shard: int) -> dict[str, tuple[float, float]]:
             return batch.controllers(batch.weights)
 
     config = EvolutionConfig(population=robots)
-    search, rng = Search(config), np.random.default_rng(0)
+    search, rng = Search(PaperProblem(config)), np.random.default_rng(0)
     with tempfile.TemporaryDirectory() as scratch:
         run = RunFolder.create(Path(scratch) / "run", config)
         for _ in range(2):
             spent.clear()
             with part("variation"):
                 born = search.ask()
+                assert isinstance(born, LearningBatch)
             learned: list[Controller] = []
             for first in range(0, robots, shard):
-                learned += pass_by_the_kernel(born.take(np.arange(first, min(first + shard, robots))))
+                learned += pass_by_the_kernel(replace(born, robots=born.robots[first : first + shard]))
             losses = -0.01 * rng.random((robots, config.iterations + 1))
             with part("selection"):
-                unflagged = np.zeros(robots, int)
-                outcome = SimpleNamespace(
-                    losses=losses, controllers=learned,
-                    chaotic_updates=unflagged, rounded_updates=unflagged,
-                )  # fmt: skip
-                evaluated = search.tell(born, outcome)
+                outcome = [
+                    replace(robot, losses=own, controller=controller, chaotic_updates=0, rounded_updates=0)
+                    for robot, own, controller in zip(born.robots, losses, learned, strict=True)
+                ]
+                complete = search.tell(born, outcome)
+            assert complete is not None
             with part("tables"):
-                run.save(search, evaluated)
+                run.save(complete)
     return spent
 
 

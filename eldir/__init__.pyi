@@ -3,7 +3,7 @@ from .controller import Controller as Controller
 from .design import Design as Design
 from .design import marked_masses as marked_masses
 from .evolution.loop import evolve as evolve
-from .evolution.search import EvolutionConfig as EvolutionConfig
+from .evolution.paper.configuration import EvolutionConfig as EvolutionConfig
 from .genotype import Genotype as Genotype
 from .genotype import random_genotypes as random_genotypes
 from .lattice import Lattice as Lattice

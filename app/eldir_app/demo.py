@@ -12,10 +12,13 @@ from eldir.built.gait import CYCLES
 from eldir.core.files import new_folder, write_text
 from eldir.core.worker_process import WorkerProcess
 from eldir.design import Design, marked_masses
+from eldir.evolution.archive import Archive
 from eldir.evolution.designs import load_run
+from eldir.evolution.loop import run_generations
 from eldir.evolution.printed.configuration import PrintedEvolutionConfig
-from eldir.evolution.printed.run_folder import PrintedRun, evolve_printed
-from eldir.evolution.printed.search import MAX_SAMPLES, PrintedSearch
+from eldir.evolution.printed.problem import MAX_SAMPLES
+from eldir.evolution.printed.run_folder import PrintedRun
+from eldir.evolution.printed.walker import Walker
 from eldir_cad.kit.specification import load_specification
 from eldir_cad.packet.folder import write_packet
 from eldir_cad.shortlist.folder import write_shortlist
@@ -105,17 +108,19 @@ def _evolve_shortlist(folder: Path, config: DemoConfig, progress: Progress) -> S
         timings=conditions.timings,
     )
 
-    def is_done(search: PrintedSearch) -> bool:
-        return search.generation > config.min_generations and has_good_walker(search)
+    run = PrintedRun.create(folder / "run", evolution)
+    search = run.restore(conditions.rejection_reason)
 
-    def show(search: PrintedSearch, fraction: float) -> None:
+    def is_done() -> bool:
+        return search.generation > config.min_generations and has_good_walker(search.archive)
+
+    def show(fraction: float) -> None:
         completed = (search.generation + fraction) / (config.max_generations + 1)
         progress("evolving bodies and gaits", completed)
 
-    run = folder / "run"
-    evolve_printed(PrintedRun.create(run, evolution), conditions.rejection_reason, is_done, show)
+    run_generations(run, search, run.workers(), is_done, show)
     return rank(
-        load_run(run),
+        load_run(run.path),
         config.finalists,
         seed=config.seed,
         progress=lambda stage, fraction: progress(f"choosing: {stage}", fraction),
@@ -184,9 +189,9 @@ def choose_design(shortlist: Shortlist, seed: int) -> RankedDesign:
     return by_size[seed % len(by_size)]
 
 
-def has_good_walker(search: PrintedSearch) -> bool:
+def has_good_walker(archive: Archive[Walker]) -> bool:
     """Whether a robot walks as far as the demo requires, by enough samples to be sure."""
-    return any(w.fitness >= _GOOD_FITNESS and len(w.walks) >= MAX_SAMPLES for w in search.archive.ranked())
+    return any(w.fitness >= _GOOD_FITNESS and w.samples >= MAX_SAMPLES for w in archive.ranked())
 
 
 def folder_size(folder: Path) -> int:

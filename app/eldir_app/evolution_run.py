@@ -8,8 +8,8 @@ import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, get_args
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
@@ -17,6 +17,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemaini
 from eldir.core.arguments import require_value
 from eldir.core.version import warn_of_other_source
 from eldir.errors import EldirError, print_line
+from eldir.evolution.paper.run_folder import RunFolder
 from eldir.evolution.printed.run_folder import PrintedRun
 from eldir_app.progress import progress_bar
 
@@ -27,14 +28,12 @@ if TYPE_CHECKING:
     from eldir.defaults import Crossover, Objective, Optimiser
     from eldir.evolution.cluster import Cluster
     from eldir.evolution.designs import Run
-    from eldir.evolution.run_folder import RunFolder
+    from eldir.evolution.own.run_folder import ProblemRun
+    from eldir.evolution.printed.configuration import RejectionReason
     from eldir.evolution.search import Search
     from eldir.terrain import Terrain
     from eldir.training.configuration import TrainingConfig
     from eldir.training.randomisation import Randomisation
-
-Show = Callable[[float, str], None]
-"""Called with the number of generations done, with the fraction of the present one, and a line of text."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,6 +41,7 @@ class NewRunOptions:
     """What the command line says about a new run. None: the default of the objective."""
 
     objective: Objective
+    problem: str | None
     rig: Path | None
     lattice: str | None
     population: int | None
@@ -77,7 +77,7 @@ class NewRunOptions:
         """The ground in metres of this robot; None: flat. Raises `typer.BadParameter` for another name,
         `InputError` for a file that is missing or damaged."""
         from eldir.defaults import Ground
-        from eldir.evolution.search import make_terrain
+        from eldir.evolution.paper.configuration import make_terrain
         from eldir.terrain import TerrainFile
 
         if self.terrain.endswith(".json"):
@@ -96,8 +96,7 @@ class NewRunOptions:
 def create_paper_run(out: Path, options: NewRunOptions) -> RunFolder:
     """A new run in the paper's scene."""
     from eldir import defaults
-    from eldir.evolution.run_folder import RunFolder
-    from eldir.evolution.search import EvolutionConfig
+    from eldir.evolution.paper.configuration import EvolutionConfig
     from eldir.lattice import Lattice
     from eldir.parameters.printed import BuiltParameters
     from eldir.scene import Scene
@@ -158,6 +157,21 @@ def create_printed_run(out: Path, options: NewRunOptions) -> PrintedRun:
     return PrintedRun.create(out, config)
 
 
+def create_problem_run(out: Path, options: NewRunOptions, problem: str) -> ProblemRun:
+    """A new run of an installed problem. Raises `InputError` where there is none of that name."""
+    from eldir.evolution.own.registration import load_problem
+    from eldir.evolution.own.run_folder import ProblemRun
+    from eldir.evolution.own.vectors import ProblemConfig
+
+    load_problem(problem)
+    config = ProblemConfig(problem, seed=options.seed)
+    if options.population is not None:
+        config = replace(config, offspring=options.population)
+    if options.generations is not None:
+        config = replace(config, generations=options.generations)
+    return ProblemRun.create(out, config)
+
+
 def _training(options: NewRunOptions) -> TrainingConfig:
     from eldir.training.configuration import TrainingConfig
 
@@ -180,8 +194,8 @@ def run_evolution(run: Run, cluster: bool, as_json: bool, explain: bool = False,
     resume = f"continue with eldir evolve --resume {run.path}"
     with run.remove_if_empty() if new else nullcontext(), run.locked():
         warn_of_other_source(run.path, run.source)
-        if explain and not isinstance(run, PrintedRun):
-            _print_skips(run.restore())
+        if explain and isinstance(run, RunFolder):
+            _print_skips(run)
         finished = _evolve(run, cluster, resume)
     print_status(run, as_json)
     if not finished:
@@ -192,9 +206,11 @@ def run_evolution(run: Run, cluster: bool, as_json: bool, explain: bool = False,
 def _evolve(run: Run, cluster: bool, resume: str) -> bool:
     """Evolve with a progress bar until the end or Ctrl-C; return whether the run is finished. An error says
     how to `resume`."""
-    printed = isinstance(run, PrintedRun)
-    boundary = "this generation is complete" if printed else "the robots that are learning are done"
-    saved = "the complete generations are saved" if printed else "everything learned so far is saved"
+    from eldir.evolution.loop import run_generations
+
+    learns = isinstance(run, RunFolder)
+    boundary = "the robots that are learning are done" if learns else "this generation is complete"
+    saved = "everything learned so far is saved" if learns else "the complete generations are saved"
     columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}"), TimeRemainingColumn())
     with (
         _open_cluster(cluster) as machines,
@@ -205,72 +221,45 @@ def _evolve(run: Run, cluster: bool, resume: str) -> bool:
         done = complete[-1][0] + 1 if complete else 0
         task = bar.add_task("", total=run.config.generations + 1, completed=done)
 
-        def show(generations: float, line: str) -> None:
-            bar.update(task, completed=generations, description=line)
+        search: Search[Any] = run.restore(*_conditions(run))
+
+        def progress(share: float) -> None:
+            bar.update(task, completed=search.generation + share, description=run.progress_line(search))
 
         try:
-            if isinstance(run, PrintedRun):
-                return _evolve_printed(run, machines, is_stopped, show)
-            return _evolve_trained(run, machines, is_stopped, show)
+            run_generations(run, search, machines or run.workers(), is_stopped, progress)
         except EldirError as error:
             if not run.has_results:
                 raise
             raise EldirError(str(error), remedy=f"{saved}: {resume}") from None
+    return search.finished
+
+
+def _conditions(run: Run) -> tuple[RejectionReason, ...]:
+    """Conditions on robots that the run folder does not contain."""
+    from eldir_hardware.planning.workshop import make_workshop
+
+    return (make_workshop().rejection_reason,) if isinstance(run, PrintedRun) else ()
 
 
 def print_status(run: Run, as_json: bool) -> None:
     """Print the status of a run, on one line or as JSON."""
-    from eldir.evolution.printed.run_folder import read_status as status_of_printed
     from eldir.evolution.status import read_status
 
-    status = status_of_printed(run) if isinstance(run, PrintedRun) else read_status(run)
+    status = read_status(run)
     print(json.dumps(status.to_json(), indent=1) if as_json else f"{status.path}: {status.summary()}")
 
 
-def _evolve_trained(
-    run: RunFolder, machines: Cluster | None, is_stopped: Callable[[], bool], show: Show
-) -> bool:
-    """Continue a run in the paper's scene; return whether it is finished."""
-    from eldir.evolution.loop import make_local_trainer, run_generations
-    from eldir.evolution.status import progress_line
+def _print_skips(run: RunFolder) -> None:
+    """Print which computations the engine skips for the bodies of the next generation, and why."""
+    from eldir.engine.shortcuts import SkippedWork, explain_skips
+    from eldir.evolution.paper.learning import LearningBatch
 
     search = run.restore()
-
-    def progress(learned: int) -> None:
-        fitness = None if search.survivors is None else search.survivors.fitness()
-        fraction = min(learned / run.config.population, 1.0)
-        show(search.generation + fraction, progress_line(search.generation, fitness))
-
-    run_generations(run, search, machines or make_local_trainer(run), is_stopped, progress)
-    return search.finished
-
-
-def _evolve_printed(
-    run: PrintedRun, machines: Cluster | None, is_stopped: Callable[[], bool], show: Show
-) -> bool:
-    """Continue a run of printed robots; return whether it is finished."""
-    from eldir.evolution.printed.run_folder import evolve_printed, progress_line
-    from eldir.evolution.printed.search import PrintedSearch, evaluate_here
-    from eldir_hardware.planning.workshop import make_workshop
-
-    def progress(search: PrintedSearch, fraction: float) -> None:
-        show(search.generation + fraction, progress_line(search.generation, search.archive))
-
-    evaluate = machines.evaluate if machines else evaluate_here
-    return evolve_printed(
-        run, make_workshop().rejection_reason, lambda search: is_stopped(), progress, evaluate
-    )
-
-
-def _print_skips(search: Search) -> None:
-    """Print which computations the engine skips for these bodies, and why."""
-    from eldir.engine.shortcuts import SkippedWork, explain_skips
-
-    config = search.config
-    bodies = search.ask().morphologies(config.lattice)
-    survivors = 0 if search.survivors is None else len(search.survivors.losses)
-    why = f"{survivors} so far keep the results of their first generation"
-    skips = explain_skips(bodies, config.scene, backward=True, record=False)
+    batch = search.ask()
+    assert isinstance(batch, LearningBatch)  # a generation begins with it
+    why = f"{len(search.archive)} so far keep the results of their first generation"
+    skips = explain_skips(batch.bodies, run.config.scene, backward=True, record=False)
     for skip in (*skips, SkippedWork("learning of survivors", why)):
         print(f"left out: {skip.work}: {skip.reason}", file=sys.stderr)
 

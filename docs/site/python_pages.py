@@ -9,11 +9,13 @@ import eldir
 # Modules whose names a program may use, in the order of the work. Others may change without notice.
 MODULES = [
     "eldir.lattice", "eldir.genotype", "eldir.morphology", "eldir.controller", "eldir.terrain", "eldir.scene",
-    "eldir.physics", "eldir.rollout", "eldir.learning", "eldir.evolution.search",
-    "eldir.evolution.loop", "eldir.evolution.variation", "eldir.evolution.population",
-    "eldir.evolution.run_folder", "eldir.evolution.best_walks",
-    "eldir.evolution.tables", "eldir.evolution.designs", "eldir.evolution.history", "eldir.evolution.status",
-    "eldir.evolution.analysis", "eldir.evolution.figures", "eldir.evolution.cluster",
+    "eldir.physics", "eldir.rollout", "eldir.learning", "eldir.evolution.search", "eldir.evolution.problem",
+    "eldir.evolution.archive", "eldir.evolution.loop", "eldir.evolution.workers", "eldir.evolution.variation",
+    "eldir.evolution.run_folder", "eldir.evolution.tables", "eldir.evolution.designs",
+    "eldir.evolution.status", "eldir.evolution.best_walks", "eldir.evolution.figures", "eldir.evolution.cluster",
+    "eldir.evolution.paper.configuration", "eldir.evolution.paper.problem", "eldir.evolution.paper.learning",
+    "eldir.evolution.paper.population", "eldir.evolution.paper.run_folder", "eldir.evolution.paper.status",
+    "eldir.evolution.paper.history", "eldir.evolution.paper.analysis",
     "eldir.design", "eldir.trajectory", "eldir.show", "eldir.errors", "eldir.defaults",
     "eldir.training.configuration", "eldir.training.loop", "eldir.training.fitting",
     "eldir.training.randomisation", "eldir.training.gradients", "eldir.training.own_loss",

@@ -16,9 +16,10 @@ from pydantic.json_schema import GenerateJsonSchema
 from eldir.built.scene import PrintedScene
 from eldir.core.validation import Plain, adapter, field_texts
 from eldir.design import Design
+from eldir.evolution.own.run_folder import ProblemRunFile, ProblemStatus
+from eldir.evolution.paper.run_folder import RunFile
+from eldir.evolution.paper.status import Status
 from eldir.evolution.printed.run_folder import PrintedRunFile, PrintedStatus
-from eldir.evolution.run_folder import RunFile
-from eldir.evolution.status import Status
 from eldir.terrain import TerrainFile
 from eldir.trajectory import Trajectory
 from eldir_app.catalogue.facts import Notes
@@ -55,6 +56,8 @@ FORMATS: dict[str, tuple[type, str]] = {
     "printed-run": (PrintedRunFile, "Configuration of an evolution of printed robots"),
     "printed-status": (PrintedStatus, "Status of an evolution of printed robots"),
     "printer": (Printer, "Printer"),
+    "problem-run": (ProblemRunFile, "Configuration of an evolution of an own problem"),
+    "problem-status": (ProblemStatus, "Status of an evolution of an own problem"),
     "ranking": (Ranking, "Ranking of a shortlist: its designs, best first"),
     "report": (ReportNumbers, "Report of a run: three motions side by side"),
     "rig": (Rig, "Rig file"),

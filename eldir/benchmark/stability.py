@@ -19,7 +19,7 @@ from eldir.core.kernels import Precision
 from eldir.core.records import BoolArray
 from eldir.engine.stable_step import stable_step
 from eldir.engine.validity import OK, REFUSED
-from eldir.evolution.population import is_valid
+from eldir.evolution.paper.population import is_valid
 from eldir.genotype import Genotype
 from eldir.lattice import Lattice
 from eldir.learning import learn

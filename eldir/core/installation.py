@@ -97,8 +97,8 @@ def processor() -> dict[str, Any]:
 
 
 def _plug_ins() -> Iterator[str]:
-    """Commands, boards and kinds of marker that other distributions add."""
-    for group in ("eldir.commands", "eldir.boards", "eldir.markers"):
+    """Commands, boards, kinds of marker and problems that other distributions add."""
+    for group in ("eldir.commands", "eldir.boards", "eldir.markers", "eldir.problems"):
         for point in entry_points(group=group):
             if point.dist is not None and point.dist.name != "eldir":
                 yield f"{group}: {point.name} of {point.dist.name} {point.dist.version}"

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from eldir.core.pictures import GROUND
 from eldir.core.records import FloatArray
 from eldir.evolution.figures import draw_springs
-from eldir.evolution.history import RunHistory
+from eldir.evolution.paper.history import RunHistory
 from eldir.learning import learn
 from eldir.morphology import Morphology, develop
 from eldir.rollout import simulate

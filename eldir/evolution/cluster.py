@@ -8,31 +8,25 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from itertools import islice
 from typing import Any
 
-import numpy as np
-
-from eldir.core.records import FloatArray
 from eldir.core.version import source_digest
 from eldir.engine.device.process import chosen_device
 from eldir.errors import EldirError, InputError, MissingDependencyError
-from eldir.evolution.loop import SHARD, Shard
-from eldir.evolution.population import LearningOutcome
-from eldir.evolution.printed.search import Evaluation
-from eldir.evolution.printed.trials import Trial
-from eldir.parameters.robot import RobotParameters
+from eldir.evolution.problem import Batch, Part
+from eldir.evolution.workers import SHARD
 
 _logger = logging.getLogger(__name__)
 
-_RETRIES = 5  # of a shard whose worker died
+_RETRIES = 5  # of a part whose worker died
 _SHARDS_EACH = 4
-_AHEAD = 2  # shards for every process, so that none waits for the next
+_AHEAD = 2  # parts for every process, so that none waits for the next
 
 
 class Cluster:
-    """Trains and simulates on a Ray cluster, with one process for every `ELDIR_THREADS` cores. Without that
+    """Evaluates on a Ray cluster, with one process for every `ELDIR_THREADS` cores. Without that
     variable, every process has as many cores as the smallest node."""
 
     def __init__(self) -> None:
@@ -70,18 +64,20 @@ class Cluster:
         """Number of processes that learn at the same time."""
         _logger.info("Ray cluster: %d processes with %d threads each", self.processes, self.threads)
         on_workers = ray.remote(num_cpus=self.threads, max_retries=_RETRIES)
-        self._learn, self._evaluate = on_workers(_learn), on_workers(_evaluate)
+        self._run = on_workers(_run)
 
-    def robots_at_once(self, robots: int) -> int:
-        return shard_size(robots, self.processes, self.threads)
+    def part_size(self, batch: Batch, tasks: int) -> int:
+        if batch.has_long_tasks:
+            return shard_size(tasks, self.processes, self.threads)
+        return -(-tasks // (_SHARDS_EACH * self.processes))
 
-    def __call__(self, shards: Iterable[Shard]) -> Iterator[tuple[Shard, LearningOutcome]]:
-        waiting = iter(shards)
-        running: dict[Any, Shard] = {}
+    def __call__(self, parts: Iterable[Part]) -> Iterator[tuple[Part, Any]]:
+        waiting = iter(parts)
+        running: dict[Any, Part] = {}
         try:
             while True:
-                for shard in islice(waiting, _AHEAD * self.processes - len(running)):
-                    running[self._learn.remote(shard, self.threads, source_digest())] = shard
+                for part in islice(waiting, _AHEAD * self.processes - len(running)):
+                    running[self._run.remote(part, self.threads, source_digest())] = part
                 if not running:
                     return
                 (done,), _ = self._ray.wait(list(running), num_returns=1)
@@ -89,20 +85,6 @@ class Cluster:
         finally:  # the caller wants no more, or something failed
             for task in running:
                 self._ray.cancel(task, force=True)
-
-    def evaluate(self, kind: Evaluation, trials: Sequence[Trial], nominal: RobotParameters) -> FloatArray:
-        """One row for each trial of printed robots (`eldir.evolution.printed.search.Evaluator`)."""
-        parts = np.array_split(np.arange(len(trials)), min(len(trials), _SHARDS_EACH * self.processes))
-        tasks = [
-            self._evaluate.remote(kind, [trials[i] for i in part], nominal, self.threads, source_digest())
-            for part in parts
-        ]
-        try:
-            return np.concatenate([self._get(task) for task in tasks])
-        except BaseException:
-            for task in tasks:
-                self._ray.cancel(task, force=True)
-            raise
 
     def _get(self, task: Any) -> Any:
         try:
@@ -125,27 +107,13 @@ class Cluster:
 
 
 def shard_size(robots: int, processes: int, threads: int) -> int:
-    """Robots in a shard: every process gets a few shards, so that all end together, and little work is lost
-    with a worker."""
+    """Long tasks in a part: every process gets a few parts, so that all end together, and little work is
+    lost with a worker."""
     return max(threads, min(SHARD * threads, robots // (_SHARDS_EACH * processes)))
 
 
-def _learn(shard: Shard, threads: int, source: str) -> LearningOutcome:
-    """Train a shard on a worker."""
-    _prepare(threads, source)
-    return shard.learn()
-
-
-def _evaluate(
-    kind: Evaluation, trials: Sequence[Trial], nominal: RobotParameters, threads: int, source: str
-) -> FloatArray:
-    """Run trials of printed robots on a worker."""
-    _prepare(threads, source)
-    return kind(trials, nominal)
-
-
-def _prepare(threads: int, source: str) -> None:
-    """Raises `EldirError` where the worker runs other code than `source`."""
+def _run(part: Part, threads: int, source: str) -> Any:
+    """Evaluate a part on a worker. Raises `EldirError` where it runs other code than `source`."""
     if source_digest() != source:
         raise EldirError(
             f"{os.uname().nodename} runs other code ({source_digest()})",
@@ -153,3 +121,4 @@ def _prepare(threads: int, source: str) -> None:
             remedy="install the same version of eldir on every node",
         )
     os.environ["ELDIR_THREADS"] = str(threads)
+    return part.run()

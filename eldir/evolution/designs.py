@@ -9,24 +9,50 @@ import numpy as np
 from eldir.core.files import read_json
 from eldir.core.version import __version__
 from eldir.design import Design
-from eldir.evolution.printed.run_folder import PrintedRun, PrintedRunFile
-from eldir.evolution.run_folder import RunFile, RunFolder
-from eldir.evolution.search import printed_terrain, robot_seed
+from eldir.errors import InputError
+from eldir.evolution.own.run_folder import ProblemRun
+from eldir.evolution.own.vectors import ProblemConfig
+from eldir.evolution.paper.configuration import EvolutionConfig, printed_terrain, robot_seed
+from eldir.evolution.paper.run_folder import RunFolder
+from eldir.evolution.printed.configuration import PrintedEvolutionConfig
+from eldir.evolution.printed.run_folder import PrintedRun
 from eldir.learning import learn
 from eldir.scene import Scene
 
-Run = RunFolder | PrintedRun
+Run = RunFolder | PrintedRun | ProblemRun
+RunConfiguration = EvolutionConfig | PrintedEvolutionConfig | ProblemConfig
 _MAX_PRINTED = 24
 """Elites of a run for building that become designs, the best first: a shortlist holds at most twelve."""
 
 
+def create_run(path: Path, config: RunConfiguration) -> Run:
+    """Make a new run folder. Raises `EldirError` where the path exists already."""
+    if isinstance(config, EvolutionConfig):
+        return RunFolder.create(path, config)
+    if isinstance(config, PrintedEvolutionConfig):
+        return PrintedRun.create(path, config)
+    return ProblemRun.create(path, config)
+
+
 def open_run(path: Path | str) -> Run:
-    """Open the folder of a run of either kind. Raises `InputError` with the missing or damaged file."""
+    """Open the folder of a run of any kind. Raises `InputError` with the missing or damaged file."""
     path = Path(path)
-    known: dict[str, type[RunFolder] | type[PrintedRun]]
-    known = {RunFile.FORMAT: RunFolder, PrintedRunFile.FORMAT: PrintedRun}
-    values = read_json(path / "run.json", RunFile.FORMAT, tuple(known))
+    known: dict[str, type[RunFolder] | type[PrintedRun] | type[ProblemRun]]
+    known = {kind.FILE.FORMAT: kind for kind in (RunFolder, PrintedRun, ProblemRun)}
+    values = read_json(path / "run.json", RunFolder.FILE.FORMAT, tuple(known))
     return known[values["format"]].open(path)
+
+
+def require_robots(run: Run) -> RunFolder | PrintedRun:
+    """The run itself. Raises `InputError` for a run of an own problem: it has no designs and no figures."""
+    if isinstance(run, ProblemRun):
+        raise InputError(
+            f"{run.path} has no robots",
+            code="run.no-robots",
+            found=f"solutions of the problem {run.config.problem}",
+            remedy="read them in Python: ProblemRun.open(folder).read_last_elites()",
+        )
+    return run
 
 
 def load_run(path: Path | str, count: int | None = None) -> list[Design]:
@@ -36,7 +62,7 @@ def load_run(path: Path | str, count: int | None = None) -> list[Design]:
 
     Robots that evolved on a terrain are built for it. Raises `InputError` where no generation is complete.
     """
-    run = open_run(path)
+    run = require_robots(open_run(path))
     run.require_generations()
     if isinstance(run, PrintedRun):
         return _printed_designs(run, _MAX_PRINTED if count is None else count)
@@ -45,39 +71,29 @@ def load_run(path: Path | str, count: int | None = None) -> list[Design]:
 
 def _trained_designs(run: RunFolder) -> list[Design]:
     """The survivors of a run in the paper's scene. Their provenance holds fitness, generation and seed."""
-    search = run.restore()
-    assert search.survivors is not None  # a generation is complete
-    config, robots = run.config, search.survivors.robots
+    config = run.config
     terrain = printed_terrain(config.scene)
     return [
         Design(
             config.lattice,
-            genotype,
-            controller,
+            robot.genotype,
+            robot.controller,
             config.scene,
             printed_terrain=terrain,
             provenance={
-                "fitness_m": float(fitness),
-                "generation": int(number) // config.population,
-                "id": int(number),
-                "parents": [int(p) for p in parents if p >= 0],
-                "seed": int(seed),
+                "fitness_m": robot.fitness,
+                "generation": robot.number // config.population,
+                "id": robot.number,
+                "parents": [p for p in robot.parents if p >= 0],
+                "seed": robot.seed,
                 "run_seed": config.seed,
                 "version": __version__,
                 "training": config.training.to_json(),
-                **({"built_walk": float(walk)} if config.second_stage else {}),
+                **({"built_walk": robot.walk} if config.second_stage else {}),
             },
         )
-        for genotype, controller, fitness, number, parents, seed, walk in zip(
-            robots.genotypes,
-            search.survivors.controllers,
-            search.survivors.fitness(),
-            robots.ids,
-            robots.parents,
-            robots.seeds,
-            search.survivors.walks,
-            strict=True,
-        )
+        for robot in run.read_last_elites()
+        if robot.controller is not None
     ]
 
 
@@ -91,7 +107,7 @@ def _printed_designs(run: PrintedRun, count: int) -> list[Design]:
     config, scene = run.config, Scene()
     if config.terrain is not None:
         scene = scene.replace(terrain=config.terrain.scaled(1 / config.printed.scale))
-    elites = run.restore().archive.ranked()[:count]
+    elites = run.read_last_elites()[:count]
     if not elites:
         return []
     bodies = [w.genome.body(config.lattice) for w in elites]

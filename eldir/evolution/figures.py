@@ -14,7 +14,7 @@ from matplotlib.ticker import MaxNLocator
 
 from eldir.core.pictures import GROUND, MOTOR, PASSIVE, hide_frame, new_axes
 from eldir.core.records import FloatArray
-from eldir.evolution.history import EvaluatedRobots, RunHistory, Trend
+from eldir.evolution.paper.history import EvaluatedRobots, RunHistory, Trend
 from eldir.lattice import Lattice
 from eldir.morphology import Morphology, develop
 from eldir.terrain import Terrain

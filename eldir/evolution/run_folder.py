@@ -1,13 +1,12 @@
 """Run folders: the files of an evolution, from which it can be read, resumed and repeated.
 
-    run.json                  the configuration, "eldir-run/1"
-    generation-0000.parquet   every robot evaluated in a generation, with all its losses
-    survivors-0003.parquet    the last population, best first, with the learned weights; and the one before
-    part-0004-000000.parquet  robots of the present generation that have learned
+    run.json                  the configuration
+    generation-0000.parquet   every solution that was tried in a generation
+    survivors-0003.parquet    the elites after it, from which the search goes on; and those of the one before
     lock                      held by the process that evolves
 
-The survivors' file is written last: it makes a generation complete. Resuming starts after the last complete
-generation, with the parts of the next one. Every file is written whole or not at all.
+The elites' file, whose name depends on the kind of run, is written last: it makes a generation complete.
+Every file is written whole or not at all.
 """
 
 from __future__ import annotations
@@ -20,27 +19,29 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar, Generic, Protocol, Self, TypeVar
-
-import numpy as np
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, Self, TypeVar
 
 from eldir.core.files import new_folder, write_bytes
-from eldir.core.kernels import Device
 from eldir.core.records import FileRecord, IntArray, SourceDigest, record
 from eldir.core.version import __version__, source_digest
-from eldir.engine.device.process import chosen_device
 from eldir.errors import EldirError, InputError, not_written
 from eldir.evolution import tables
-from eldir.evolution.population import LearnedRobots, LearningOutcome, is_valid
-from eldir.evolution.search import EvolutionConfig, Search
+from eldir.evolution.archive import Solution
+from eldir.evolution.problem import Batch, Problem
+from eldir.evolution.search import Generation, Search
+from eldir.evolution.workers import LocalWorkers, Workers
+
+if TYPE_CHECKING:
+    from eldir.evolution.status import RunStatus
 
 _logger = logging.getLogger(__name__)
 _KEPT = 2  # files that complete a generation: the one before stands in for a damaged one
 _Config = TypeVar("_Config", bound="RunConfig")
+_Solution = TypeVar("_Solution", bound=Solution)
 
 
 class RunConfig(Protocol):
-    """The configuration of a run of either kind."""
+    """The configuration of a run of any kind."""
 
     @property
     def generations(self) -> int:
@@ -57,23 +58,8 @@ class RunFileHeader(FileRecord):
     """Digest of the code that started the run."""
 
 
-@record
-class RunFile(RunFileHeader):
-    """The file run.json of an evolution."""
-
-    FORMAT = "eldir-run/1"
-    OPTIONAL = frozenset({"device"})
-    """What older runs lack."""
-
-    config: EvolutionConfig
-    """The configuration: the same values give the same robots."""
-    device: Device = "cpu"
-    """Where the robots of the first generation began to learn: cpu, cuda or vulkan. Devices and processors
-    differ in the last digits."""
-
-
 @dataclass(frozen=True)
-class GenerationsFolder(Generic[_Config]):
+class GenerationsFolder(Generic[_Config, _Solution]):
     """The folder of an evolution of any kind, which saves one generation after the other: every robot of a
     generation in one file, and then what the search continues from in another, which makes it complete."""
 
@@ -86,6 +72,38 @@ class GenerationsFolder(Generic[_Config]):
     """The record in run.json: version, source, configuration."""
     COMPLETES: ClassVar[str]
     """Name of the files that complete a generation."""
+
+    def problem(self, *conditions: Any) -> Problem[_Solution]:
+        """The problem of the run. `conditions` are further conditions on solutions, which a run folder does
+        not contain; they must be the same whenever a run is continued."""
+        raise NotImplementedError
+
+    def columns(self, generation: Generation[_Solution]) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Columns of all solutions that were tried in a generation, and of the elites after it."""
+        raise NotImplementedError
+
+    def read_elites(self, path: Path) -> list[_Solution]:
+        """The elites in a file that completes a generation. Raises `InputError` for a damaged one."""
+        raise NotImplementedError
+
+    def status(self, common: dict[str, Any]) -> RunStatus:
+        """The status of the run; `common` has the fields of every status."""
+        raise NotImplementedError
+
+    def progress_line(self, search: Search[_Solution]) -> str:
+        """A short line for the progress bar: the last complete generation and its best solutions."""
+        raise NotImplementedError
+
+    def workers(self) -> Workers:
+        """What evaluates batches on this machine."""
+        return LocalWorkers()
+
+    def read_parts(self, batch: Batch) -> list[tuple[IntArray, Any]]:
+        """Indices and results of the tasks of a batch that an interrupted run has saved."""
+        return []
+
+    def save_part(self, result: Any) -> None:
+        """Save the result of a part of a batch that has long tasks."""
 
     @classmethod
     def create(cls, path: Path, config: _Config) -> Self:
@@ -168,13 +186,29 @@ class GenerationsFolder(Generic[_Config]):
         """The file of all robots evaluated in a generation."""
         return self.path / f"generation-{generation:04d}.parquet"
 
-    def _save(self, generation: int, evaluated: dict[str, Any], kept: dict[str, Any]) -> None:
-        """Save the columns of a complete generation."""
-        write_bytes(self.generation_file(generation), tables.to_bytes(evaluated, self._format("generation")))
+    def restore(self, *conditions: Any) -> Search[_Solution]:
+        """The search after the last complete generation, or a new one where there is none; `conditions` as in
+        `problem`."""
+        problem, whole = self.problem(*conditions), self.complete_generations()
+        if not whole:
+            return Search(problem)
+        number, path = whole[-1]
+        _logger.info("%s: going on after generation %d", self.path, number)
+        return Search(problem, number + 1, self.read_elites(path))
+
+    def read_last_elites(self) -> list[_Solution]:
+        """The elites after the last complete generation, the best first; none before the first one."""
+        whole = self.complete_generations()
+        return self.read_elites(whole[-1][1]) if whole else []
+
+    def save(self, generation: Generation[_Solution]) -> None:
+        """Save a complete generation."""
+        tried, elites = self.columns(generation)
+        last = self.path / f"{self.COMPLETES}-{generation.number:04d}.parquet"
         write_bytes(
-            self.path / f"{self.COMPLETES}-{generation:04d}.parquet",
-            tables.to_bytes(kept, self._format(self.COMPLETES)),
+            self.generation_file(generation.number), tables.to_bytes(tried, self._format("generation"))
         )
+        write_bytes(last, tables.to_bytes(elites, self._format(self.COMPLETES)))
         self._remove_outdated()
 
     def _format(self, what: str) -> str:
@@ -185,93 +219,3 @@ class GenerationsFolder(Generic[_Config]):
         """Remove the files that completed earlier generations, which are needed no longer."""
         for _, old in self.complete_generations()[:-_KEPT]:
             old.unlink()
-
-
-@dataclass(frozen=True)
-class RunFolder(GenerationsFolder[EvolutionConfig]):
-    """The folder of an evolution in the paper's scene."""
-
-    device: Device = field(default_factory=chosen_device, compare=False)
-    """Where the robots learned when the run was started: cpu, cuda or vulkan."""
-
-    FILE = RunFile
-    COMPLETES = "survivors"
-
-    @classmethod
-    def open(cls, path: Path) -> Self:
-        """Open an existing folder. Raises `InputError` with the missing or damaged file."""
-        file = cls.FILE.load(path / "run.json")
-        return cls(path, file.config, file.source, file.device)
-
-    def _file(self) -> FileRecord:
-        return RunFile(__version__, self.source, self.config, self.device)
-
-    def save_part(self, generation: int, ids: IntArray, outcome: LearningOutcome) -> None:
-        """Save some robots of the present generation."""
-        columns = {"id": ids, **tables.outcome_columns(outcome, self.config.scene.precision)}
-        first = int(ids.min()) - generation * self.config.population
-        write_bytes(
-            self.path / f"part-{generation:04d}-{first:06d}.parquet",
-            tables.to_bytes(columns, "eldir-part/1"),
-        )
-
-    def parts(self, generation: int) -> list[Path]:
-        """Files of the robots of an incomplete generation that have learned."""
-        return sorted(self.path.glob(f"part-{generation:04d}-*.parquet"))
-
-    def save(self, search: Search, learned: LearnedRobots) -> None:
-        """Save the last generation that `Search.tell` has selected."""
-        generation = search.generation - 1
-        if search.survivors is None:
-            raise EldirError("nothing to save", expected="a search after a call of `tell`")
-        sound = is_valid(learned.losses, self.config.training.jump_threshold)
-        born = tables.robots_columns(learned.robots)
-        born |= {"losses": tables.lists(list(learned.losses), np.float64), "valid": sound}
-        born |= tables.flag_columns(learned)
-        kept = search.survivors
-        alive = tables.robots_columns(kept.robots)
-        alive |= tables.outcome_columns(kept, self.config.scene.precision)
-        if self.config.second_stage:
-            born["walk"], alive["walk"] = learned.walks, kept.walks
-        self._save(generation, born, alive)
-
-    def _remove_outdated(self) -> None:
-        """Also the parts of complete generations."""
-        super()._remove_outdated()
-        for generation, _ in self.complete_generations():
-            for part in self.parts(generation):
-                part.unlink()
-
-    def restore(self) -> Search:
-        """The search after the last complete generation, or a new one where there is none."""
-        whole = self.complete_generations()
-        if not whole:
-            return Search(self.config)
-        generation, path = whole[-1]
-        _logger.info("%s: going on after generation %d", self.path, generation)
-        survivors = tables.read_learned(path, self.config.lattice)
-        return Search(self.config, generation=generation + 1, survivors=survivors)
-
-
-def load_generation(path: Path | str, generation: int) -> dict[str, np.ndarray]:
-    """Every robot evaluated in a generation: id, parents (N, 2), seed, triangles (N, B, A),
-    springs (N, S), losses (N, iterations + 1), valid, and walk, chaotic_updates and rounded_updates
-    (`LearnedRobots`), in order of id."""
-    run = RunFolder.open(Path(path))
-    file = run.generation_file(generation)
-    table = tables.read(file)
-    try:
-        triangles, springs = tables.genotype_columns(table, run.config.lattice)
-        return {
-            "id": table["id"].to_numpy(),
-            "parents": np.stack([table["parent_1"].to_numpy(), table["parent_2"].to_numpy()], axis=1),
-            "seed": table["seed"].to_numpy(),
-            "triangles": triangles,
-            "springs": springs,
-            "losses": np.stack(tables.rows(table, "losses")),
-            "valid": np.array(table["valid"].to_pylist(), bool),
-            "walk": np.array(table["walk"]) if "walk" in table.column_names else np.full(len(table), np.nan),
-            **dict(zip(tables.FLAGS, tables.flags(table), strict=True)),
-        }
-    except (KeyError, ValueError, AttributeError) as error:
-        raise tables.damaged(file, "the robots of this run", error) from None

@@ -2,22 +2,13 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-from pathlib import Path
-from statistics import median
-from typing import Annotated, Literal
+from typing import Any, Literal
 
-import numpy as np
-from pydantic import Field, NonNegativeInt, PositiveInt
+from pydantic import NonNegativeInt, PositiveInt
 
-from eldir.core.records import FileRecord, FloatArray, SourceDigest, record
+from eldir.core.records import FileRecord, SourceDigest, record
 from eldir.errors import InputError
-from eldir.evolution import tables
-from eldir.evolution.population import flagged_share
-from eldir.evolution.run_folder import RunFolder
-
-_RECENT = 5  # generations of whose durations the median is taken
-_LEAST = 0.5  # of a generation; files that lie closer together were copied [s]
+from eldir.evolution.run_folder import GenerationsFolder
 
 
 @record
@@ -32,71 +23,16 @@ class RunStatus(FileRecord):
     """Complete generations, the random one included."""
     wanted: PositiveInt
     """All generations of the configuration, the random one included."""
-
-
-@record
-class Status(RunStatus):
-    """The status of one run."""
-
-    FORMAT = "eldir-status/1"
-
-    learned: NonNegativeInt
-    """Robots of the present generation that have learned."""
-    population: PositiveInt
-    """Number of robots in the population."""
-    best_m: float | None
-    """Best fitness of the population [m]; null before the first generation is complete."""
-    mean_m: float | None
-    """Mean fitness of the population [m]; null before the first generation is complete."""
-    evaluated: NonNegativeInt
-    """Robots evaluated so far."""
-    discarded: NonNegativeInt
-    """Robots that were discarded as unstable."""
-    chaotic_updates: Annotated[float, Field(ge=0, le=1)] | None
-    """Share of the population's updates whose gradient chaos dominates; null before the first generation is
-    complete, or if an older version trained all robots."""
-    rounded_updates: Annotated[float, Field(ge=0, le=1)] | None
-    """Share of the population's updates whose gradient rounding may change by a per cent or more; null
-    likewise."""
-    seconds_a_generation: float | None
-    """Time of one generation, median of the last ones [s]; null if unknown."""
-    seconds_left: float | None
-    """Time until all generations are complete, at that pace [s]; null if unknown."""
     source: SourceDigest
     """Digest of the code that started the run."""
 
     def summary(self) -> str:
         """The status in one line."""
-        text = f"{self.state}, {self.whole} of {self.wanted} generations"
-        if self.learned:
-            text += f" and {self.learned} of {self.population} robots"
-        if self.best_m is not None:
-            text += f"; best {self.best_m:.3f} m, mean {self.mean_m:.3f} m"
-            text += f"; {self.discarded} of {self.evaluated} robots discarded as unstable"
-        if flagged := describe_flags(self.chaotic_updates, self.rounded_updates):
-            text += f"; {flagged}"
-        if self.seconds_a_generation is not None and self.seconds_left is not None:
-            text += f"; {_duration(self.seconds_a_generation)} a generation"
-            text += f", {_duration(self.seconds_left)} left"
-        return text
+        raise NotImplementedError
 
 
-def describe_flags(chaotic: float | None, rounded: float | None) -> str:
-    """The shares of a population's updates whose gradients have flags, in one phrase; empty without flags."""
-    shares = {"dominated by chaos": chaotic or 0.0, "possibly by rounding": rounded or 0.0}
-    phrases = [f"{100 * share:.1f} % {how}" for how, share in shares.items() if share > 0]
-    return f"gradients of updates: {', '.join(phrases)}" if phrases else ""
-
-
-def progress_line(generation: int, fitness: FloatArray | None) -> str:
-    """A short line for the progress bar: the last complete generation and its population's fitness."""
-    if fitness is None:
-        return "no generation yet"
-    return f"generation {generation - 1}, best {fitness[0]:.3f} m, mean {fitness.mean():.3f} m"
-
-
-def read_status(run: RunFolder) -> Status:
-    """Read the status of a run."""
+def read_status(run: GenerationsFolder[Any, Any]) -> RunStatus:
+    """Read the status of a run of any kind."""
     for _ in range(3):  # while a process evolves, a file may go between being listed and being read
         try:
             return _status_of(run)
@@ -106,69 +42,10 @@ def read_status(run: RunFolder) -> Status:
     return _status_of(run)
 
 
-def _status_of(run: RunFolder) -> Status:
-    config = run.config
-    whole = run.complete_generations()
-    generations = whole[-1][0] + 1 if whole else 0
-    fitness = _fitness(whole[-1][1]) if whole else None
-    chaotic, rounded = _flags(whole[-1][1], config.iterations) if whole else (None, None)
-    learned = sum(_rows(p) for p in run.parts(generations))
-    evaluated = discarded = 0
-    for g in range(generations):
-        sound = tables.read(run.generation_file(g), ["valid"])["valid"].to_numpy()
-        evaluated, discarded = evaluated + len(sound), discarded + int((~sound).sum())
-    finished = generations > config.generations
-    pace = None if finished else _pace(run, generations)
-    to_come = config.generations + 1 - generations - learned / config.population
-    return Status(
-        path=str(run.path),
-        state="finished" if finished else "evolving" if run.is_evolving else "stopped",
-        whole=generations,
-        wanted=config.generations + 1,
-        learned=learned,
-        population=config.population,
-        best_m=None if fitness is None else float(fitness.max()),
-        mean_m=None if fitness is None else float(fitness.mean()),
-        evaluated=evaluated,
-        discarded=discarded,
-        chaotic_updates=chaotic,
-        rounded_updates=rounded,
-        seconds_a_generation=pace,
-        seconds_left=None if pace is None else pace * to_come,
-        source=run.source,
+def _status_of(run: GenerationsFolder[Any, Any]) -> RunStatus:
+    complete = run.complete_generations()
+    whole, wanted = (complete[-1][0] + 1 if complete else 0), run.config.generations + 1
+    state = "finished" if whole == wanted else "evolving" if run.is_evolving else "stopped"
+    return run.status(
+        {"path": str(run.path), "state": state, "whole": whole, "wanted": wanted, "source": run.source}
     )
-
-
-def _fitness(path: Path) -> FloatArray:
-    losses = np.stack(tables.rows(tables.read(path, ["losses"]), "losses"))
-    return -losses.min(axis=1)
-
-
-def _flags(path: Path, iterations: int) -> list[float | None]:
-    """Shares of the updates whose gradients have flags; None for not known."""
-    table = tables.read(path, ["id"], tables.FLAGS)
-    shares = (flagged_share(updates, iterations) for updates in tables.flags(table))
-    return [None if np.isnan(share) else share for share in shares]
-
-
-def _rows(path: Path) -> int:
-    return int(tables.read(path, ["id"]).num_rows)
-
-
-def _pace(run: RunFolder, generations: int) -> float | None:
-    """Median time between the last complete generations [s]; an interruption hardly changes it. None where
-    the files do not tell it."""
-    recent = range(max(0, generations - 1 - _RECENT), generations)
-    ends = [run.generation_file(g).stat().st_mtime for g in recent]
-    if len(ends) < 2:
-        return None
-    pace = median(b - a for a, b in pairwise(ends))
-    return pace if pace >= _LEAST else None
-
-
-def _duration(seconds: float) -> str:
-    """A duration as text, such as 12 s, 3:05 min or 2:10 h."""
-    s = round(seconds)
-    if s < 60:
-        return f"{s} s"
-    return f"{s // 60}:{s % 60:02d} min" if s < 3600 else f"{s // 3600}:{s % 3600 // 60:02d} h"

@@ -1,7 +1,6 @@
-"""Robots as Parquet tables: the columns of a run's files, and how they are read.
+"""The Parquet files of a run: columns of genotypes and of lists, and how files are written and read.
 
-Bits are packed eight to a byte, the first bit the highest; masks row by row from the bottom. Weights
-are kept in the precision that they were trained in, row by row.
+Bits are packed eight to a byte, the first bit the highest; masks row by row from the bottom.
 """
 
 from __future__ import annotations
@@ -14,83 +13,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from eldir import errors
-from eldir.controller import HIDDEN, Controller
-from eldir.core.kernels import Precision
-from eldir.core.records import BoolArray, FloatArray, IntArray
+from eldir.core.records import BoolArray, FloatArray
 from eldir.errors import InputError, not_read
-from eldir.evolution.population import LearnedRobots, LearningOutcome, Robots
-from eldir.genotype import stack, unstack
 from eldir.lattice import Lattice
 from eldir.morphology import offsets
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-LAYERS = ("w1", "b1", "w2", "b2")
-FLAGS = ("chaotic_updates", "rounded_updates")
-
-
-def robots_columns(robots: Robots) -> dict[str, Any]:
-    """Columns with identity and genotype of robots."""
-    return {
-        "id": robots.ids,
-        "parent_1": robots.parents[:, 0],
-        "parent_2": robots.parents[:, 1],
-        "seed": robots.seeds,
-        **genotype_bits(*stack(robots.genotypes)),
-    }
-
 
 def genotype_bits(triangles: BoolArray, springs: BoolArray) -> dict[str, Any]:
     """Columns with masks (N, B, A) and springs (N, S): the inverse of `genotype_columns`."""
     return {"triangles": _packed(triangles.reshape(len(triangles), -1)), "springs": _packed(springs)}
-
-
-def outcome_columns(outcome: LearningOutcome, precision: Precision) -> dict[str, Any]:
-    """Columns with losses, flags and learned weights."""
-    kind = np.float32 if precision == "f32" else np.float64
-    weights = {k: lists([getattr(c, k) for c in outcome.controllers], kind) for k in LAYERS}
-    return {"losses": lists(list(outcome.losses), np.float64), **flag_columns(outcome), **weights}
-
-
-def flag_columns(outcome: LearningOutcome) -> dict[str, Any]:
-    """Columns with the number of updates of each robot whose gradient has a flag."""
-    return {k: np.asarray(getattr(outcome, k), np.int32) for k in FLAGS}
-
-
-def flags(table: pa.Table) -> list[IntArray]:
-    """The inverse of `flag_columns`; -1 where an older version wrote the file."""
-    return [
-        np.asarray(table[k].to_numpy(), np.int32)
-        if k in table.column_names
-        else np.full(len(table), -1, np.int32)
-        for k in FLAGS
-    ]
-
-
-def read_learned(path: Path, lattice: Lattice) -> LearnedRobots:
-    """Robots with losses and weights, from a file that has both kinds of columns."""
-    table = read(path)
-    try:
-        robots = Robots(
-            tuple(unstack(*genotype_columns(table, lattice))),
-            table["id"].to_numpy(),
-            np.stack([table["parent_1"].to_numpy(), table["parent_2"].to_numpy()], axis=1),
-            table["seed"].to_numpy(),
-        )
-        walks = table["walk"].to_numpy() if "walk" in table.column_names else np.zeros(0)
-        return LearnedRobots(robots, *_outcome(table), walks, *flags(table))
-    except (KeyError, ValueError, IndexError, AttributeError, InputError) as error:
-        raise damaged(path, "the survivors of this run", error) from None
-
-
-def read_outcome(path: Path) -> tuple[IntArray, FloatArray, tuple[Controller, ...], IntArray, IntArray]:
-    """Ids, losses, learned controllers and numbers of flagged updates, from a file that has these columns."""
-    table = read(path)
-    try:
-        return table["id"].to_numpy(), *_outcome(table), *flags(table)
-    except (KeyError, ValueError, IndexError, AttributeError, InputError) as error:
-        raise damaged(path, "robots of this run that have learned", error) from None
 
 
 def genotype_columns(table: pa.Table, lattice: Lattice) -> tuple[BoolArray, BoolArray]:
@@ -172,14 +106,6 @@ def damaged(path: Path, expected: str, error: Exception) -> InputError:
     if not path.name.startswith("generation"):
         again = "remove it: its content is computed again from the other files"
     return errors.damaged(path, expected, str(error), again)
-
-
-def _outcome(table: pa.Table) -> tuple[FloatArray, tuple[Controller, ...]]:
-    layers = zip(*(rows(table, k) for k in LAYERS), strict=True)
-    controllers = tuple(
-        Controller(w1.reshape(HIDDEN, -1), b1, w2.reshape(-1, HIDDEN), b2) for w1, b1, w2, b2 in layers
-    )
-    return np.stack(rows(table, "losses")), controllers
 
 
 def _packed(bits: BoolArray) -> list[bytes]:

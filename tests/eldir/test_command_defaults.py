@@ -8,7 +8,7 @@ import typer
 
 from eldir.defaults import GENERATIONS, LATTICE, POPULATION, Crossover, Optimiser
 from eldir.design import Variant
-from eldir.evolution.search import EvolutionConfig
+from eldir.evolution.paper.configuration import EvolutionConfig
 from eldir.learning import learn
 from eldir.training.configuration import TrainingConfig
 from eldir_app.commands.coupon import coupon

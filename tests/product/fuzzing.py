@@ -27,9 +27,9 @@ from eldir.built.scene import PrintedScene
 from eldir.design import Design
 from eldir.errors import EldirError
 from eldir.evolution.designs import open_run
+from eldir.evolution.paper.configuration import EvolutionConfig
+from eldir.evolution.paper.run_folder import RunFolder
 from eldir.evolution.printed.run_folder import PrintedRun
-from eldir.evolution.run_folder import RunFolder
-from eldir.evolution.search import EvolutionConfig
 from eldir.lattice import Lattice
 from eldir.terrain import Terrain, TerrainFile
 from eldir.trajectory import Trajectory

@@ -7,15 +7,15 @@ import pytest
 
 from eldir.design import marked_masses
 from eldir.errors import EldirError
-from eldir.evolution.printed.archive import Archive, Niche, Walker
-from eldir.evolution.printed.search import PrintedSearch
+from eldir.evolution.archive import Archive
+from eldir.evolution.printed.walker import Niche, Walker
 from eldir.genotype import random_genotypes
 from eldir.lattice import Lattice
 from eldir.morphology import develop
 from eldir_app import demo
 from eldir_app.demo import choose_design, has_good_walker
 from eldir_cad.shortlist.ranking import Shortlist
-from tests.eldir.evolution.printed.small_searches import SMALL, genomes
+from tests.eldir.evolution.printed.small_searches import genomes
 from tests.raised import raises
 
 LATTICE = Lattice(6, 11)
@@ -78,13 +78,13 @@ def test_without_a_design_it_says_why():
 def test_a_robot_walks_well_if_it_is_known_to(walks, enough):
     """Too few samples, too short a walk, and one that is far in the mean but not steadily so."""
     walker = Walker(1, -1, 0, genomes(1)[0], Niche(1, 1, 1, 1), np.array(walks))
-    assert has_good_walker(PrintedSearch(SMALL, archive=Archive({walker.niche: walker}))) == enough
-    assert not has_good_walker(PrintedSearch(SMALL))
+    assert has_good_walker(Archive([walker])) == enough
+    assert not has_good_walker(Archive())
 
 
 def test_a_demo_without_a_design_names_its_own_remedy(tmp_path, monkeypatch):
     """Not that of `eldir shortlist`, whose options the demo does not have; and nothing is left behind."""
-    monkeypatch.setattr(demo, "evolve_printed", lambda *_: None)  # it always finds some
+    monkeypatch.setattr(demo, "run_generations", lambda *_: None)  # it always finds some
     monkeypatch.setattr(demo, "load_run", lambda run: [])
     with raises(EldirError, "shortlist.empty", match="found 0 bodies: no designs; try another seed"):
         demo.run_demo(tmp_path / "demo", demo.DemoConfig())

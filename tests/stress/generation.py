@@ -12,10 +12,11 @@ from pathlib import Path
 from scipy.stats import spearmanr
 
 from eldir.engine import batch
-from eldir.evolution.history import read_history
-from eldir.evolution.loop import LocalTrainer, run_generations
-from eldir.evolution.run_folder import RunFolder
-from eldir.evolution.search import EvolutionConfig
+from eldir.evolution.loop import run_generations
+from eldir.evolution.paper.configuration import EvolutionConfig
+from eldir.evolution.paper.history import read_history
+from eldir.evolution.paper.run_folder import RunFolder
+from eldir.evolution.workers import LocalWorkers
 from eldir.lattice import Lattice
 
 _engine = 0.0
@@ -26,7 +27,7 @@ def measure(robots: int, folder: Path) -> None:
     batch.learning_kernel = lambda precision: _timed(kernel(precision))
     began, used = time.monotonic(), time.process_time()
     run = RunFolder.create(folder, EvolutionConfig(Lattice(), population=robots, generations=0, seed=1))
-    run_generations(run, run.restore(), LocalTrainer())
+    run_generations(run, run.restore(), LocalWorkers())
     wall, used = time.monotonic() - began, time.process_time() - used
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
     print(f"{robots} robots: {wall:.0f} s, processor {used:.0f} s, of which the kernel {_engine:.0f} s")

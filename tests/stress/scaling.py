@@ -13,7 +13,9 @@ import time
 import numpy as np
 
 from eldir.evolution.cluster import shard_size
-from eldir.evolution.search import EvolutionConfig, Search
+from eldir.evolution.paper.configuration import EvolutionConfig
+from eldir.evolution.paper.problem import PaperProblem
+from eldir.evolution.search import Search
 from eldir.learning import learn
 
 _ROBOTS, _UPDATES, _TURNS = 32, 4, 5
@@ -22,7 +24,7 @@ _ROBOTS, _UPDATES, _TURNS = 32, 4, 5
 def measured() -> dict[int, tuple[float, float]]:
     """Robot-iterations a second and a processor second for numbers of threads, medians of some turns."""
     config = EvolutionConfig(population=_ROBOTS, generations=0, seed=1)
-    bodies = Search(config).ask().morphologies(config.lattice)
+    bodies = Search(PaperProblem(config)).ask().bodies
     counts = [n for n in (1, 2, 4, 8, 16, 32, 64) if n <= (os.cpu_count() or 1)]
     rates: dict[int, list[tuple[float, float]]] = {n: [] for n in counts}
     for turn in range(_TURNS + 1):
@@ -52,7 +54,7 @@ def main() -> None:
         told = f"{clock:.0f} robot-iterations a second, {processor:.0f} a processor second"
         print(f"{threads} threads: {told}, {100 * processor / rates[1][1]:.0f} % of one thread's")
     config = EvolutionConfig(population=10_000, generations=0, seed=1)
-    springs = np.array([len(b.springs) for b in Search(config).ask().morphologies(config.lattice)])
+    springs = np.array([len(b.springs) for b in Search(PaperProblem(config)).ask().bodies])
     for processes in (1, 4, 16, 64, 250, 1000, 4000):
         units = makespan(springs, processes)
         busy = len(springs) / (units * processes)

@@ -14,8 +14,8 @@ import trimesh
 from eldir.controller import Controller
 from eldir.design import Design
 from eldir.evolution.designs import load_run
-from eldir.evolution.run_folder import RunFolder
-from eldir.evolution.search import EvolutionConfig
+from eldir.evolution.paper.configuration import EvolutionConfig
+from eldir.evolution.paper.run_folder import RunFolder
 from eldir.genotype import random_genotypes
 from eldir.lattice import Lattice
 from eldir.morphology import develop

@@ -6,17 +6,20 @@ import subprocess
 import sys
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from eldir.errors import EldirError
-from eldir.evolution.loop import LocalTrainer, Shard, run_generations
-from eldir.evolution.printed.run_folder import PrintedRun, evolve_printed
-from eldir.evolution.printed.search import PrintedSearch, evaluate_here
-from eldir.evolution.run_folder import RunFolder
-from eldir.evolution.search import EvolutionConfig, Search
+from eldir.evolution.loop import run_generations
+from eldir.evolution.paper.configuration import EvolutionConfig
+from eldir.evolution.paper.problem import PaperProblem
+from eldir.evolution.paper.run_folder import RunFolder
+from eldir.evolution.printed.run_folder import PrintedRun
+from eldir.evolution.search import Search
+from eldir.evolution.workers import LocalWorkers
 from eldir.lattice import Lattice
 from eldir.scene import Scene
 from tests.eldir.evolution.printed.small_searches import SMALL
@@ -52,7 +55,7 @@ def workers() -> list[int]:
             told = (folder / "cmdline").read_bytes()
         except OSError:
             continue  # it has just ended
-        if told.startswith(b"ray::_learn") and os.getpid() in ancestors(int(folder.name)):
+        if told.startswith(b"ray::_run") and os.getpid() in ancestors(int(folder.name)):
             found.append(int(folder.name))
     return found
 
@@ -73,9 +76,13 @@ def test_a_worker_is_killed_and_the_run_ends_with_the_same_bytes(tmp_path, clust
     from eldir.evolution.cluster import Cluster
 
     alone = RunFolder.create(tmp_path / "alone", CONFIG)
-    run_generations(alone, alone.restore(), LocalTrainer())
+    run_generations(alone, alone.restore(), LocalWorkers())
     trainer = Cluster()
-    assert (trainer.processes, trainer.threads, trainer.robots_at_once(72)) == (3, 1, 6)
+    assert (
+        trainer.processes,
+        trainer.threads,
+        trainer.part_size(Search(PaperProblem(CONFIG)).ask(), 72),
+    ) == (3, 1, 6)
     together = RunFolder.create(tmp_path / "together", CONFIG)
     killed: list[int] = []
 
@@ -95,9 +102,8 @@ def test_a_worker_is_killed_and_the_run_ends_with_the_same_bytes(tmp_path, clust
 def test_other_code_and_failures_on_a_node_are_told_in_one_line(cluster, monkeypatch):
     from eldir.evolution import cluster as module
 
-    body = Search(CONFIG).ask().morphologies(CONFIG.lattice)[0]
-    scene = CONFIG.scene.replace(dt=1.0)  # no step so large is stable
-    shards = [Shard(np.array([0]), (body,), (1,), scene, 2, None, CONFIG.training, None)]
+    config = replace(CONFIG, scene=CONFIG.scene.replace(dt=1.0))  # no step so large is stable
+    shards = list(Search(PaperProblem(config)).ask().parts(np.array([0]), 1))
     with pytest.raises(EldirError, match="step is too large"):
         list(module.Cluster()(shards))
     monkeypatch.setattr(module, "source_digest", lambda: "0123456789ab")
@@ -141,16 +147,16 @@ def test_printed_robots_are_judged_with_the_same_bytes(tmp_path, cluster):
     from eldir.evolution.cluster import Cluster
 
     machines = Cluster()
-    for name, evaluate in (("alone", evaluate_here), ("together", machines.evaluate)):
+    for name, workers in (("alone", LocalWorkers()), ("together", machines)):
         run = PrintedRun.create(tmp_path / name, SMALL)
-        assert evolve_printed(run, evaluate=evaluate)
+        run_generations(run, run.restore(), workers)
     assert contents(tmp_path / "together") == contents(tmp_path / "alone")
 
 
-def test_other_code_on_a_node_ends_a_run_of_printed_robots(cluster, monkeypatch):
+def test_other_code_on_a_node_ends_a_run_of_printed_robots(cluster, monkeypatch, tmp_path):
     from eldir.evolution import cluster as module
 
     monkeypatch.setattr(module, "source_digest", lambda: "0123456789ab")
-    search = PrintedSearch(SMALL, evaluate=module.Cluster().evaluate)
+    run = PrintedRun.create(tmp_path / "run", SMALL)
     with pytest.raises(EldirError, match=r"runs other code.*same version"):
-        search.step()
+        run_generations(run, run.restore(), module.Cluster())

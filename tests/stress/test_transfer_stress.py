@@ -20,7 +20,9 @@ from eldir.built.screening import candidate_gaits, simulate_soft_walks
 from eldir.built.walking import displacements
 from eldir.controller import Controller
 from eldir.core.records import FloatArray
-from eldir.evolution.search import EvolutionConfig, Search
+from eldir.evolution.paper.configuration import EvolutionConfig
+from eldir.evolution.paper.problem import PaperProblem
+from eldir.evolution.search import Search
 from eldir.lattice import Lattice
 from eldir.learning import learn
 from eldir.morphology import Morphology
@@ -69,11 +71,11 @@ def test_transfer_to_rigs_that_nobody_saw() -> None:
     config = EvolutionConfig(
         Lattice(6, 11), DRAWN * DESIGNS, max_active=2, static_margin=0.02, buildable=True, seed=11
     )
-    asked = Search(config).ask()
-    every = asked.morphologies(config.lattice)
+    asked = Search(PaperProblem(config)).ask()
+    every = asked.bodies
     # Most random designs walk in no phase whatsoever; those that do, with soft strips, can tell.
     chosen = np.argsort(-simulate_soft_walks(every))[:DESIGNS].tolist()
-    bodies, seeds = [every[i] for i in chosen], [int(asked.seeds[i]) for i in chosen]
+    bodies, seeds = [every[i] for i in chosen], [asked.seeds[i] for i in chosen]
     rigs = [sample_large_spread(NOMINAL, 100 + i) for i in range(RIGS)]
     slipping, drawn = PAPER.replace(contact="friction"), Randomisation.unfilmed()
     gaits = {

@@ -22,12 +22,12 @@ def analyse(
     Example: eldir analyse run --out figures
     """
     from eldir.core.files import require_new
-    from eldir.evolution.designs import open_run
-    from eldir.evolution.run_folder import RunFolder
+    from eldir.evolution.designs import open_run, require_robots
+    from eldir.evolution.paper.run_folder import RunFolder
     from eldir_app.progress import progress_bar
 
     require_new(out)  # before the run is read, which takes seconds
-    folder = open_run(run)
+    folder = require_robots(open_run(run))
     with progress_bar() as progress:
         task = progress.add_task("", total=1.0)
 
@@ -35,7 +35,7 @@ def analyse(
             progress.update(task, description=stage, completed=fraction)
 
         if isinstance(folder, RunFolder):
-            from eldir.evolution.analysis import write_analysis
+            from eldir.evolution.paper.analysis import write_analysis
 
             write_analysis(folder, out, show)
         else:

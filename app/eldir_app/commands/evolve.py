@@ -17,7 +17,8 @@ if TYPE_CHECKING:
     from eldir_app.evolution_run import NewRunOptions
 
 _OPTIONS_OF_RESUME = {"resume", "cluster", "device", "as_json", "explain"}
-_OPTIONS_OF_PRINTED_RESUME = {"resume", "cluster", "as_json"}
+_OPTIONS_OF_OTHER_RESUME = {"resume", "cluster", "as_json"}
+_OPTIONS_OF_PROBLEM = {"out", "problem", "population", "generations", "seed", "cluster", "as_json"}
 _OPTIONS_OF_PRINTED = {
     "out", "objective", "rig", "lattice", "population", "generations", "terrain", "max_motors",
     "static_margin", "seed", "cluster", "as_json",
@@ -33,6 +34,14 @@ _Objective = Annotated[
         "--objective",
         help="What robots are judged by: paper, learning in the paper's scene; printed, the walk of the "
         "printed robot with a heating gait that evolves with it.",
+    ),
+]
+_Problem = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME",
+        help="Evolve an own problem in place of robots: its name in the entry-point group eldir.problems "
+        "of an installed package.",
     ),
 ]
 _Rig = Annotated[
@@ -147,6 +156,7 @@ def evolve(
     out: _NewRun = None,
     resume: _Resume = None,
     objective: _Objective = defaults.OBJECTIVE,
+    problem: _Problem = None,
     rig: _Rig = None,
     lattice: _Lattice = None,
     population: _Population = None,
@@ -189,6 +199,7 @@ def evolve(
     if out is not None and resume is None:
         options = NewRunOptions(
             objective=objective,
+            problem=problem,
             rig=rig,
             lattice=lattice,
             population=population,
@@ -219,20 +230,24 @@ def evolve(
 def _open_run(path: Path, context: typer.Context) -> Run:
     """The run to continue. Raises `typer.BadParameter` for an option that would change it."""
     from eldir.evolution.designs import open_run
-    from eldir.evolution.printed.run_folder import PrintedRun
+    from eldir.evolution.paper.run_folder import RunFolder
 
     if surplus := _options_except(context, _OPTIONS_OF_RESUME):
         raise typer.BadParameter(f"--resume keeps the run's own settings; remove {surplus}")
     run = open_run(path)
-    if isinstance(run, PrintedRun) and (surplus := _options_except(context, _OPTIONS_OF_PRINTED_RESUME)):
-        raise typer.BadParameter(f"a run of printed robots has no {surplus}; remove it")
+    if not isinstance(run, RunFolder) and (surplus := _options_except(context, _OPTIONS_OF_OTHER_RESUME)):
+        raise typer.BadParameter(f"only runs in the paper's scene have {surplus}; remove it")
     return run
 
 
 def _create_run(out: Path, options: NewRunOptions, context: typer.Context) -> Run:
     """A new run folder. Raises `typer.BadParameter` for options that do not fit the objective."""
-    from eldir_app.evolution_run import create_paper_run, create_printed_run
+    from eldir_app.evolution_run import create_paper_run, create_printed_run, create_problem_run
 
+    if options.problem is not None:
+        if surplus := _options_except(context, _OPTIONS_OF_PROBLEM):
+            raise typer.BadParameter(f"--problem evolves what its class says; remove {surplus}")
+        return create_problem_run(out, options, options.problem)
     if options.objective == "printed":
         if surplus := _options_except(context, _OPTIONS_OF_PRINTED):
             raise typer.BadParameter(f"--objective printed judges walks of printed robots; remove {surplus}")

@@ -31,9 +31,10 @@ from eldir.errors import InputError
 from eldir.evolution import tables
 from eldir.evolution.best_walks import BestWalk, draw_walks
 from eldir.evolution.figures import chart, draw_springs, whole_numbers
-from eldir.evolution.printed.archive import Walker
 from eldir.evolution.printed.best_walks import printed_walks
-from eldir.evolution.printed.run_folder import PrintedRun, read_status
+from eldir.evolution.printed.run_folder import PrintedRun
+from eldir.evolution.printed.walker import Walker
+from eldir.evolution.status import read_status
 from eldir.morphology import Morphology
 from eldir.terrain import Terrain
 
@@ -241,8 +242,7 @@ def write_printed_analysis(
     """Write `index.html`, every figure as SVG and PNG, and every number as CSV into a new folder, whole
     or not at all. Returns the elites, best first. Raises `InputError` where there is none yet."""
     step("reading", 0.0)
-    archive, status = run.restore().archive, read_status(run)
-    elites = [_elite(run, walker) for walker in archive.ranked()]
+    status, elites = read_status(run), [_elite(run, walker) for walker in run.read_last_elites()]
     if not elites:
         raise InputError(
             f"{run.path} has no robot that walks yet",

@@ -1,18 +1,15 @@
-"""The run folder of printed robots, from which a run can be read, resumed and repeated.
+"""The run folder of printed robots, and the status that is read from it.
 
-    run.json                  the configuration, "eldir-printed-run/1"
     generation-0003.parquet   every robot that was tried in a generation, with the result of its trials
     archive-0003.parquet      the elites after it, with the walks of all their samples; and the one before
-    lock                      held by the process that evolves
 
-The archive's file is written last: it makes a generation complete. `evolve_printed` continues a run, and
-`read_status` reads its status from the folder alone.
+Other files are as in `eldir.evolution.run_folder`.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -20,14 +17,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 from pydantic import Field, NonNegativeInt
 
-from eldir.core.records import SourceDigest, record
+from eldir.core.records import record
 from eldir.errors import InputError
 from eldir.evolution import tables
-from eldir.evolution.printed.archive import Archive, Walker, find_niche
-from eldir.evolution.printed.configuration import PrintedEvolutionConfig, RejectionReason
+from eldir.evolution.printed.configuration import PrintedEvolutionConfig
 from eldir.evolution.printed.genome import PrintedGenome
-from eldir.evolution.printed.search import Evaluator, Generation, PrintedSearch, evaluate_here
+from eldir.evolution.printed.problem import Candidate, PrintedProblem
+from eldir.evolution.printed.walker import Walker, find_niche
 from eldir.evolution.run_folder import GenerationsFolder, RunFileHeader
+from eldir.evolution.search import Generation, Search
 from eldir.evolution.status import RunStatus
 from eldir.genotype import stack, unstack
 
@@ -48,46 +46,67 @@ class PrintedRunFile(RunFileHeader):
     """The configuration: the same values give the same robots."""
 
 
+@record
+class PrintedStatus(RunStatus):
+    """The status of one run."""
+
+    FORMAT = "eldir-printed-status/1"
+
+    tried: NonNegativeInt
+    """Robots tried so far."""
+    niches: Annotated[NonNegativeInt, Field(alias="kinds")]
+    """Number of occupied niches in the archive."""
+    walking: NonNegativeInt
+    """Elites whose expected walk is above 1 body length in five cycles."""
+    best: float | None
+    """Expected walk of the best elite [body lengths per five cycles]; null if there is none."""
+    standard_error: float | None
+    """Standard error of that expected walk [body lengths per five cycles]; null where one sample is known."""
+    samples: NonNegativeInt
+    """Number of samples of the best elite."""
+
+    def summary(self) -> str:
+        """The status in one line."""
+        text = f"{self.state}, {self.whole} of {self.wanted} generations, {self.tried} robots tried"
+        if self.best is not None:
+            error = math.inf if self.standard_error is None else self.standard_error
+            text += (
+                f"; best {self.best:+.2f} +- {error:.2f} body lengths in 5 cycles "
+                f"({self.samples} samples); {self.niches} niches, {self.walking} above {WALKS:g}"
+            )
+        return text
+
+
 @dataclass(frozen=True)
-class PrintedRun(GenerationsFolder[PrintedEvolutionConfig]):
+class PrintedRun(GenerationsFolder[PrintedEvolutionConfig, Walker]):
     """The folder of an evolution of printed robots."""
 
     FILE = PrintedRunFile
     COMPLETES = "archive"
 
-    def save(self, generation: Generation, archive: Archive) -> None:
-        """Save a complete generation and the archive after it."""
-        genomes = [t.genome for t in generation.candidates]
+    def problem(self, *conditions: Any) -> PrintedProblem:
+        """`conditions`: the `RejectionReason` of a workshop, which says why a body cannot be built."""
+        return PrintedProblem(self.config, *conditions)
+
+    def columns(self, generation: Generation[Walker]) -> tuple[dict[str, Any], dict[str, Any]]:
         walks = {w.number: w.walks for w in generation.evaluated}
+        candidates: Sequence[Candidate] = generation.tried
         tried = {
-            "number": np.array([t.number for t in generation.candidates], np.int64),
-            "parent": np.array([t.parent for t in generation.candidates], np.int64),
-            **_genome_columns(genomes),
-            "screened": generation.screened_walks,
-            "walks": tables.lists(
-                [walks.get(t.number, np.zeros(0)) for t in generation.candidates], np.float64
-            ),
+            **_columns(candidates),
+            "screened": np.array([c.screened for c in candidates]),
+            "walks": tables.lists([walks.get(c.number, np.zeros(0)) for c in candidates], np.float64),
         }
-        elites = archive.ranked()
+        elites = generation.elites
+        alive = _columns(elites)
+        born = np.array([w.generation for w in elites], np.int64)
+        # In the order of version 0.1.0.
         alive = {
-            "number": np.array([w.number for w in elites], np.int64),
-            "parent": np.array([w.parent for w in elites], np.int64),
-            "generation": np.array([w.generation for w in elites], np.int64),
-            **_genome_columns([w.genome for w in elites]),
+            "number": alive.pop("number"), "parent": alive.pop("parent"), "generation": born, **alive,
             "walks": tables.lists([w.walks for w in elites], np.float64),
-        }
-        self._save(generation.number, tried, alive)
+        }  # fmt: skip
+        return tried, alive
 
-    def restore(self, rejection_reason: RejectionReason = lambda body: "") -> PrintedSearch:
-        """The search after the last complete generation, or a new one where there is none."""
-        whole = self.complete_generations()
-        if not whole:
-            return PrintedSearch(self.config, rejection_reason)
-        number, path = whole[-1]
-        elites = {w.niche: w for w in self._walkers(path)}
-        return PrintedSearch(self.config, rejection_reason, number + 1, Archive(elites))
-
-    def _walkers(self, path: Path) -> list[Walker]:
+    def read_elites(self, path: Path) -> list[Walker]:
         table, lattice = tables.read(path), self.config.lattice
         if not table.num_rows:
             return []
@@ -105,6 +124,31 @@ class PrintedRun(GenerationsFolder[PrintedEvolutionConfig]):
             ]
         except (KeyError, ValueError, TypeError, IndexError, InputError) as error:
             raise tables.damaged(path, "the elites of this run", error) from None
+
+    def status(self, common: dict[str, Any]) -> PrintedStatus:
+        elites = self.read_last_elites()
+        best = elites[0] if elites else None
+        files = [self.generation_file(g) for g in range(common["whole"])]
+        return PrintedStatus(
+            **common,
+            tried=sum(tables.read(file, ["number"]).num_rows for file in files),
+            niches=len(elites),
+            walking=sum(w.expected > WALKS for w in elites),
+            best=None if best is None else best.expected,
+            standard_error=best.error if best is not None and math.isfinite(best.error) else None,
+            samples=0 if best is None else best.samples,
+        )
+
+    def progress_line(self, search: Search[Walker]) -> str:
+        """In the first generation, that one itself."""
+        elites = search.archive.ranked()
+        if not elites:
+            return "no walker yet"
+        walking, best = sum(w.expected > WALKS for w in elites), elites[0]
+        return (
+            f"generation {max(0, search.generation - 1)}, best {best.expected:+.2f} +- {best.error:.2f}, "
+            f"{walking} above {WALKS:g}"
+        )
 
     def read_genome(self, generation: int, place: int) -> PrintedGenome:
         """The genome of a robot that was tried in a generation, by its place there. Raises `InputError` for a
@@ -124,106 +168,16 @@ class PrintedRun(GenerationsFolder[PrintedEvolutionConfig]):
         return [PrintedGenome(genotype, phases, int(timing)) for genotype, phases, timing in of]
 
 
-def _genome_columns(genomes: Sequence[PrintedGenome]) -> dict[str, Any]:
+def _columns(robots: Sequence[Candidate] | Sequence[Walker]) -> dict[str, Any]:
+    """Columns with identity and genome."""
+    genomes = [r.genome for r in robots]
+    columns: dict[str, Any] = {"number": np.array([r.number for r in robots], np.int64)}
+    columns["parent"] = np.array([r.parent for r in robots], np.int64)
     if not genomes:  # no robot of the generation walked
-        return {"triangles": [], "springs": [], "phases": [], "timing": []}
+        return columns | {"triangles": [], "springs": [], "phases": [], "timing": []}
     return {
+        **columns,
         **tables.genotype_bits(*stack([g.genotype for g in genomes])),
         "phases": tables.lists([g.phases for g in genomes], np.float64),
         "timing": np.array([g.timing for g in genomes], np.int64),
     }
-
-
-def evolve_printed(
-    run: PrintedRun,
-    rejection_reason: RejectionReason = lambda body: "",
-    stopped: Callable[[PrintedSearch], bool] = lambda search: False,
-    progress: Callable[[PrintedSearch, float], None] = lambda search, share: None,
-    evaluate: Evaluator = evaluate_here,
-) -> bool:
-    """Continue a run to its end; returns whether it got there.
-
-    `rejection_reason` says why a body cannot be built, and must be the same whenever a run is continued.
-    `stopped` is asked before each generation; `progress` is called with the search and the present
-    generation's share. `evaluate` runs the trials, such as `Cluster.evaluate`. The caller holds the run's
-    lock if several processes may write.
-    """
-    search = run.restore(rejection_reason)
-    search.evaluate = evaluate
-    while not search.finished:
-        if stopped(search):
-            return False
-        generation = search.step(lambda share: progress(search, min(share, 0.99)))
-        run.save(generation, search.archive)
-        progress(search, 0.0)
-    return True
-
-
-@record
-class PrintedStatus(RunStatus):
-    """The status of one run."""
-
-    FORMAT = "eldir-printed-status/1"
-
-    tried: NonNegativeInt
-    """Robots tried so far."""
-    niches: Annotated[NonNegativeInt, Field(alias="kinds")]
-    """Number of occupied niches in the archive."""
-    walking: NonNegativeInt
-    """Elites whose expected walk is above 1 body length in five cycles."""
-    best: float | None
-    """Expected walk of the best elite [body lengths per five cycles]; null if there is none."""
-    standard_error: float | None
-    """Standard error of that expected walk [body lengths per five cycles]; null where one sample is known."""
-    samples: NonNegativeInt
-    """Number of samples of the best elite."""
-    source: SourceDigest
-    """Digest of the code that started the run."""
-
-    def summary(self) -> str:
-        """The status in one line."""
-        text = f"{self.state}, {self.whole} of {self.wanted} generations, {self.tried} robots tried"
-        if self.best is not None:
-            error = math.inf if self.standard_error is None else self.standard_error
-            text += (
-                f"; best {self.best:+.2f} +- {error:.2f} body lengths in 5 cycles "
-                f"({self.samples} samples); {self.niches} niches, {self.walking} above {WALKS:g}"
-            )
-        return text
-
-
-def progress_line(generation: int, archive: Archive) -> str:
-    """A short line for the progress bar: the last complete generation, in the first one that one itself."""
-    best = _best(archive)
-    if best is None:
-        return "no walker yet"
-    walking = sum(w.expected > WALKS for w in archive.elites.values())
-    return (
-        f"generation {max(0, generation - 1)}, best {best.expected:+.2f} +- {best.error:.2f}, "
-        f"{walking} above {WALKS:g}"
-    )
-
-
-def read_status(run: PrintedRun) -> PrintedStatus:
-    """Read the status of a run."""
-    search = run.restore()
-    archive, whole = search.archive, search.generation
-    best = _best(archive)
-    tried = sum(tables.read(run.generation_file(g), ["number"]).num_rows for g in range(whole))
-    return PrintedStatus(
-        path=str(run.path),
-        state="finished" if search.finished else "evolving" if run.is_evolving else "stopped",
-        whole=whole,
-        wanted=run.config.generations + 1,
-        tried=tried,
-        niches=len(archive.elites),
-        walking=sum(w.expected > WALKS for w in archive.elites.values()),
-        best=None if best is None else best.expected,
-        standard_error=best.error if best is not None and math.isfinite(best.error) else None,
-        samples=0 if best is None else len(best.walks),
-        source=run.source,
-    )
-
-
-def _best(archive: Archive) -> Walker | None:
-    return next(iter(archive.ranked()), None)

@@ -12,7 +12,7 @@ from manifold3d import Manifold
 from eldir.built.ground import PLATE_THICKNESS, on_table, printed_range
 from eldir.core.records import FloatArray
 from eldir.errors import EldirError
-from eldir.evolution.search import make_terrain
+from eldir.evolution.paper.configuration import make_terrain
 from eldir.parameters.printed import BuiltParameters
 from eldir.terrain import Terrain
 from eldir_cad.geometry.ground import Ground, GroundPiece, make_ground

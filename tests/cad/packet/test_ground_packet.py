@@ -13,7 +13,7 @@ import pytest
 import trimesh
 
 from eldir.design import Design
-from eldir.evolution.search import make_terrain
+from eldir.evolution.paper.configuration import make_terrain
 from eldir.parameters.printed import BuiltParameters
 from eldir.terrain import TerrainFile
 from eldir_app.commands.packet import packet as command

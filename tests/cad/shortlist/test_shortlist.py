@@ -16,8 +16,8 @@ from eldir.built.screening import ScreeningResult
 from eldir.built.walking import displacements
 from eldir.design import Design
 from eldir.errors import EldirError, InputError
-from eldir.evolution.run_folder import RunFolder
-from eldir.evolution.search import EvolutionConfig
+from eldir.evolution.paper.configuration import EvolutionConfig
+from eldir.evolution.paper.run_folder import RunFolder
 from eldir.lattice import Lattice
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.springs import SpringParameters

@@ -12,7 +12,7 @@ from eldir.core.arguments import require_count, require_known, require_shape, re
 from eldir.core.files import parse_json, read_file, require_new
 from eldir.core.yaml_files import parse_yaml
 from eldir.errors import EldirError, InputError
-from eldir.evolution.search import EvolutionConfig
+from eldir.evolution.paper.configuration import EvolutionConfig
 from eldir.scene import Scene
 from eldir_hardware.camera.lens import Lens
 from eldir_hardware.rig.configuration import Rig

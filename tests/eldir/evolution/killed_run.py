@@ -7,10 +7,10 @@ from pathlib import Path
 import pyarrow.parquet  # noqa: F401  before the clock of the killer starts
 
 from eldir.evolution.loop import run_generations
-from eldir.evolution.run_folder import RunFolder
-from eldir.evolution.search import EvolutionConfig
+from eldir.evolution.paper.configuration import EvolutionConfig
+from eldir.evolution.paper.run_folder import RunFolder
 from eldir.lattice import Lattice
-from tests.eldir.evolution.pretended_searches import pretend
+from tests.eldir.evolution.pretended_searches import learn
 
 CONFIG = EvolutionConfig(Lattice(4, 6), population=12, generations=12, max_active=2, iterations=3, seed=5)
 
@@ -18,13 +18,13 @@ CONFIG = EvolutionConfig(Lattice(4, 6), population=12, generations=12, max_activ
 class Pretence:
     """A teacher that takes a few milliseconds a shard."""
 
-    def robots_at_once(self, robots):
+    def part_size(self, batch, tasks):
         return 5
 
     def __call__(self, shards):
         for shard in shards:
             time.sleep(0.004)
-            yield shard, pretend(shard.bodies, shard.seeds, CONFIG)
+            yield shard, learn(shard, CONFIG)
 
 
 def run(folder: Path) -> None:

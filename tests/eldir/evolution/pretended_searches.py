@@ -6,17 +6,26 @@ from types import SimpleNamespace
 import numpy as np
 
 from eldir.controller import Controller
-from eldir.evolution.population import Robots
-from eldir.evolution.search import EvolutionConfig, Search
+from eldir.evolution.paper.configuration import EvolutionConfig
+from eldir.evolution.paper.learning import LearningBatch, Shard, add_outcome
+from eldir.evolution.paper.population import Robot
+from eldir.evolution.paper.problem import PaperProblem
+from eldir.evolution.problem import evaluate_here
+from eldir.evolution.search import Generation, Search
 from eldir.lattice import Lattice
 from eldir.morphology import Morphology
 
 SMALL = EvolutionConfig(Lattice(4, 6), population=12, generations=4, max_active=2, iterations=3, seed=5)
 
 
-def evaluate(robots: Robots, config: EvolutionConfig) -> SimpleNamespace:
+def evaluate(batch: LearningBatch, config: EvolutionConfig) -> SimpleNamespace:
     """A cheap stand-in for learning: small bodies are good, and the seed adds a little."""
-    return pretend(robots.morphologies(config.lattice), robots.seeds, config)
+    return pretend(batch.bodies, batch.seeds, config)
+
+
+def learn(shard: Shard, config: EvolutionConfig) -> list[Robot]:
+    """The same for a shard."""
+    return add_outcome(shard.robots, pretend(shard.bodies, shard.seeds, config))
 
 
 def pretend(bodies: Sequence[Morphology], seeds: Sequence[int], config: EvolutionConfig) -> SimpleNamespace:
@@ -34,9 +43,34 @@ def pretend(bodies: Sequence[Morphology], seeds: Sequence[int], config: Evolutio
     )
 
 
+def search_for(config: EvolutionConfig, **options) -> Search:
+    return Search(PaperProblem(config, **options))
+
+
+def complete_generation(search: Search) -> Generation:
+    """Go on to the end of the present generation."""
+    generation = None
+    while generation is None:
+        batch = search.ask()
+        if isinstance(batch, LearningBatch):
+            outcome = add_outcome(batch.robots, evaluate(batch, search.problem.config))
+        else:
+            outcome = evaluate_here(batch)
+        generation = search.tell(batch, outcome)
+    return generation
+
+
 def evolved(config: EvolutionConfig, **options) -> Search:
-    search = Search(config, **options)
+    search = search_for(config, **options)
     while not search.finished:
-        robots = search.ask()
-        search.tell(robots, evaluate(robots, config))
+        complete_generation(search)
     return search
+
+
+def fitness(search: Search) -> np.ndarray:
+    """Of the survivors, best first."""
+    return np.array([s.fitness for s in search.archive.ranked()])
+
+
+def ids(search: Search) -> list[int]:
+    return [s.number for s in search.archive.ranked()]

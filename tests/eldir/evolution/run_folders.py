@@ -2,17 +2,16 @@
 
 from pathlib import Path
 
-from eldir.evolution.run_folder import RunFolder
+from eldir.evolution.paper.run_folder import RunFolder
 from eldir.evolution.search import Search
-from tests.eldir.evolution.pretended_searches import evaluate
+from tests.eldir.evolution.pretended_searches import complete_generation
 
 
 def go_on(run: RunFolder, search: Search, generations: int = 99) -> Search:
     for _ in range(generations):
         if search.finished:
             break
-        robots = search.ask()
-        run.save(search, search.tell(robots, evaluate(robots, run.config)))
+        run.save(complete_generation(search))
     return search
 
 

@@ -13,10 +13,11 @@ from lxml import etree
 from eldir.errors import EldirError
 from eldir.evolution import figures
 from eldir.evolution.best_walks import choose_generations, trained_walks
-from eldir.evolution.history import read_history
-from eldir.evolution.loop import LocalTrainer, run_generations
-from eldir.evolution.run_folder import RunFolder, load_generation
-from eldir.evolution.search import EvolutionConfig
+from eldir.evolution.loop import run_generations
+from eldir.evolution.paper.configuration import EvolutionConfig
+from eldir.evolution.paper.history import read_history
+from eldir.evolution.paper.run_folder import RunFolder, load_generation
+from eldir.evolution.workers import LocalWorkers
 from eldir.genotype import Genotype
 from eldir.lattice import Lattice
 from eldir.learning import learning_paths
@@ -35,7 +36,7 @@ FIGURES = ["best", "population", "size-and-fitness", "bodies", "zoo", "best-walk
 @pytest.fixture(scope="module")
 def run(tmp_path_factory) -> RunFolder:
     run = RunFolder.create(tmp_path_factory.mktemp("analysis") / "run", CONFIG)
-    run_generations(run, run.restore(), LocalTrainer())
+    run_generations(run, run.restore(), LocalWorkers())
     return run
 
 
@@ -103,7 +104,7 @@ def test_what_has_nothing_to_show_is_left_out_and_told(run, tmp_path):
     """A run of one generation whose weights are inherited: no line has two points, no robot can be trained
     again."""
     first = RunFolder.create(tmp_path / "run", replace(CONFIG, generations=0, inherit=True))
-    run_generations(first, first.restore(), LocalTrainer())
+    run_generations(first, first.restore(), LocalWorkers())
     analyse(first.path, tmp_path / "figures")
     assert {p.stem for p in (tmp_path / "figures").glob("*.png")} == {"size-and-fitness", "zoo"}
     page = " ".join((tmp_path / "figures/index.html").read_text().split())

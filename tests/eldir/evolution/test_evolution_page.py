@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from tests.eldir.evolution.pretended_searches import SMALL, evaluate
+from tests.eldir.evolution.pretended_searches import SMALL, complete_generation
 from tests.paths import ROOT
 
 PAGE = (ROOT / "docs" / "reference" / "evolution.md").read_text()
@@ -33,14 +33,13 @@ def test_the_example_of_a_whole_run_runs(tmp_path, monkeypatch, capsys):
 
 def test_the_loading_example_runs(tmp_path, monkeypatch):
     from eldir.design import Design
-    from eldir.evolution.run_folder import RunFolder
+    from eldir.evolution.paper.run_folder import RunFolder
 
     run = RunFolder.create(tmp_path / "run", SMALL)
     search = run.restore()
-    robots = search.ask()
-    run.save(search, search.tell(robots, evaluate(robots, SMALL)))
+    run.save(complete_generation(search))
     monkeypatch.chdir(tmp_path)
     code = next(c for c in re.findall(r"```python\n(.*?)```", PAGE, re.S) if "load_generation" in c)
     exec(compile(code, "evolution.md", "exec"), {})
     best = Design.load(tmp_path / "best.json")
-    assert best.provenance["fitness_m"] == pytest.approx(search.survivors.fitness()[0])
+    assert best.provenance["fitness_m"] == pytest.approx(search.archive.ranked()[0].fitness)

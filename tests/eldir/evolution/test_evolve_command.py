@@ -13,8 +13,8 @@ from typer.testing import CliRunner
 
 from eldir.defaults import Ground
 from eldir.evolution.designs import load_run
-from eldir.evolution.run_folder import load_generation
-from eldir.evolution.search import make_scene
+from eldir.evolution.paper.configuration import make_scene
+from eldir.evolution.paper.run_folder import load_generation
 from eldir.rollout import simulate
 from eldir.show import picture
 from eldir_app.commands.evolve import evolve

@@ -4,14 +4,15 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from eldir.evolution import analysis
-from eldir.evolution.history import read_history
 from eldir.evolution.loop import evolve, resume
-from eldir.evolution.population import flagged_share
-from eldir.evolution.run_folder import RunFolder, load_generation
-from eldir.evolution.search import EvolutionConfig
-from eldir.evolution.status import describe_flags, read_status
-from eldir.evolution.tables import FLAGS
+from eldir.evolution.paper import analysis
+from eldir.evolution.paper.configuration import EvolutionConfig
+from eldir.evolution.paper.history import read_history
+from eldir.evolution.paper.population import flagged_share
+from eldir.evolution.paper.robot_tables import FLAGS
+from eldir.evolution.paper.run_folder import RunFolder, load_generation
+from eldir.evolution.paper.status import describe_flags
+from eldir.evolution.status import read_status
 from eldir.genotype import unstack
 from eldir.lattice import Lattice
 from eldir.learning import learn
@@ -49,13 +50,13 @@ def test_a_run_holds_the_flags_of_what_its_robots_learned_from(tmp_path):
 
 def test_the_status_and_the_history_tell_them(tmp_path):
     run = RunFolder.create(tmp_path / "run", SMALL)
-    survivors = go_on(run, run.restore()).survivors
+    survivors = go_on(run, run.restore()).archive.ranked()
     status, trend = read_status(run), read_history(run).trend
     for name, share, at_each in (
         ("chaotic_updates", status.chaotic_updates, trend.chaotic),
         ("rounded_updates", status.rounded_updates, trend.rounded),
     ):
-        wanted = getattr(survivors, name).mean() / SMALL.iterations
+        wanted = np.mean([getattr(robot, name) for robot in survivors]) / SMALL.iterations
         assert share == pytest.approx(wanted) and at_each[-1] == share > 0
         assert len(at_each) == SMALL.generations + 1 and np.isfinite(at_each).all()
     assert status.chaotic_updates is not None
@@ -83,11 +84,10 @@ def test_a_run_of_an_older_version_is_read_and_resumed(tmp_path):
     assert load_generation(run.path, 0)["chaotic_updates"].tolist() == [-1] * 6
     wanted = load_generation(whole.path, 1)["chaotic_updates"]
     assert load_generation(run.path, 1)["chaotic_updates"].tolist() == wanted.tolist()
-    survivors = run.restore().survivors
-    assert survivors is not None
-    new = survivors.robots.ids >= CONFIG.population
-    assert (survivors.chaotic_updates[~new] == -1).all() and (survivors.chaotic_updates[new] >= 0).all()
-    assert new.any() and not new.all()
+    new = {robot.number >= CONFIG.population: robot for robot in run.read_last_elites()}
+    assert set(new) == {True, False}
+    for robot in run.read_last_elites():
+        assert (robot.chaotic_updates >= 0) == (robot.number >= CONFIG.population)
 
 
 def test_shares_are_of_what_is_known():

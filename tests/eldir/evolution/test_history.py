@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from eldir.errors import InputError
-from eldir.evolution.history import read_history
-from eldir.evolution.run_folder import RunFolder, load_generation
-from eldir.evolution.search import EvolutionConfig
+from eldir.evolution.paper.configuration import EvolutionConfig
+from eldir.evolution.paper.history import read_history
+from eldir.evolution.paper.learning import add_outcome
+from eldir.evolution.paper.run_folder import RunFolder, load_generation
 from eldir.lattice import Lattice
 from eldir.morphology import develop
-from tests.eldir.evolution.pretended_searches import evaluate
+from tests.eldir.evolution.pretended_searches import evaluate, fitness, ids
 from tests.eldir.evolution.run_folders import go_on
 from tests.raised import raises
 
@@ -31,12 +32,12 @@ def test_every_generation_is_replayed(run):
         robots = search.ask()
         outcome = evaluate(robots, CONFIG)
         outcome.losses[search.generation, 1] = np.nan  # one is discarded in each
-        run.save(search, search.tell(robots, outcome))
-        alive = search.survivors
-        bodies = alive.robots.morphologies(CONFIG.lattice)
-        best.append(alive.fitness()[0])
-        mean.append(alive.fitness().mean())
-        initial.append(-alive.losses[:, 0].mean())
+        run.save(search.tell(robots, add_outcome(robots.robots, outcome)))
+        alive = search.archive.ranked()
+        bodies = [develop(CONFIG.lattice, robot.genotype) for robot in alive]
+        best.append(alive[0].fitness)
+        mean.append(fitness(search).mean())
+        initial.append(-np.mean([robot.losses[0] for robot in alive]))
         sizes.append(np.mean([len(b.springs) for b in bodies]))
     history = read_history(run)
     trend = history.trend
@@ -47,8 +48,8 @@ def test_every_generation_is_replayed(run):
     assert trend.evaluated.tolist() == [8, 7, 8, 8, 8, 8]  # seven were left to have offspring
     assert trend.discarded.tolist() == [1] * 6
     assert len(history.progenitors.ids) == 7
-    assert history.last.ids.tolist() == search.survivors.robots.ids.tolist()
-    for i, body in enumerate(search.survivors.robots.morphologies(CONFIG.lattice)):
+    assert history.last.ids.tolist() == ids(search)
+    for i, body in enumerate(bodies):
         assert develop(CONFIG.lattice, history.last.genotype(i)) == body
         assert history.last.active[i] == pytest.approx(body.active.mean())
 
@@ -56,7 +57,7 @@ def test_every_generation_is_replayed(run):
 def test_the_line_goes_from_the_best_to_a_progenitor(run):
     search = go_on(run, run.restore())
     line = read_history(run).line
-    assert line[0].ids[0] == search.survivors.robots.ids[0]
+    assert line[0].ids[0] == ids(search)[0]
     born = [load_generation(run.path, g) for g in range(CONFIG.generations + 1)]
     fitness = {int(i): -x.min() for b in born for i, x in zip(b["id"], b["losses"], strict=True)}
     for child, parent in pairwise(line):

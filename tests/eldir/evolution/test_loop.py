@@ -14,10 +14,11 @@ import pytest
 
 from eldir.errors import EldirError, InputError
 from eldir.evolution.loop import run_generations
-from eldir.evolution.run_folder import RunFolder
+from eldir.evolution.paper.run_folder import RunFolder
 from eldir.evolution.status import read_status
 from tests.eldir.evolution.counting_evaluation import Counting
 from tests.eldir.evolution.killed_run import CONFIG, Pretence
+from tests.eldir.evolution.pretended_searches import fitness
 from tests.eldir.evolution.run_folders import contents
 from tests.forked_programs import Forked
 from tests.paths import ROOT
@@ -117,10 +118,10 @@ def test_stopped_at_any_shard_no_robot_learns_twice(tmp_path, whole, shards):
 
 def test_progress_counts_robots(tmp_path):
     run = RunFolder.create(tmp_path / "run", CONFIG)
-    seen: list[int] = []
+    seen: list[float] = []
     trainer = Counting(4)
     run_generations(run, run.restore(), trainer, trainer.stopped, seen.append)
-    assert seen == [0, 5, 10, 12, 0, 0, 5]
+    assert np.round(12 * np.array(seen), 9).tolist() == [0, 5, 10, 12, 0, 0, 5]
 
 
 def test_status_while_it_runs_when_stopped_and_at_the_end(tmp_path):
@@ -136,8 +137,8 @@ def test_status_while_it_runs_when_stopped_and_at_the_end(tmp_path):
         with raises(EldirError, "run.locked"), RunFolder.open(run.path).locked():
             pass
     assert (status.state, status.whole, status.learned) == ("evolving", 3, 5)
-    assert status.best_m == search.survivors.fitness()[0]
-    assert status.mean_m == pytest.approx(search.survivors.fitness().mean())
+    assert status.best_m == fitness(search)[0]
+    assert status.mean_m == pytest.approx(fitness(search).mean())
     assert (status.evaluated, status.discarded) == (36, 0)
     assert status.seconds_a_generation == 70 and status.seconds_left == pytest.approx(70 * (10 - 5 / 12))
     assert "3 of 13 generations and 5 of 12 robots" in status.summary()
@@ -178,7 +179,7 @@ def test_the_discarded_are_counted(tmp_path):
     class Unstable(Pretence):
         def __call__(self, shards):
             for shard, outcome in super().__call__(shards):
-                outcome.losses[0, 1] = np.nan
+                outcome[0].losses[1] = np.nan
                 yield shard, outcome
 
     run = RunFolder.create(tmp_path / "run", CONFIG)

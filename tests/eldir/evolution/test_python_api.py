@@ -5,7 +5,8 @@ import sys
 
 from eldir.errors import EldirError
 from eldir.evolution import EvolutionConfig, RunFolder, evolve, load_run, resume
-from eldir.evolution.loop import LocalTrainer, run_generations
+from eldir.evolution.loop import run_generations
+from eldir.evolution.workers import LocalWorkers
 from eldir.lattice import Lattice
 from eldir.scene import Scene
 from tests.eldir.evolution.run_folders import contents
@@ -30,7 +31,7 @@ def test_one_call_makes_a_run_and_reports_each_generation(tmp_path):
 def test_an_interrupted_run_is_resumed_to_the_same_bytes(tmp_path):
     whole = evolve(CONFIG, str(tmp_path / "whole"))
     part, seen = RunFolder.create(tmp_path / "part", CONFIG), []
-    run_generations(part, part.restore(), LocalTrainer(), iter([False, False, True]).__next__)
+    run_generations(part, part.restore(), LocalWorkers(), iter([False, False, True]).__next__)
     assert 0 < len(part.complete_generations()) < 4
     resume(tmp_path / "part", lambda generation, best: seen.append(generation))
     assert seen[-1] == 3 and len(seen) < 4

@@ -7,8 +7,8 @@ from typer.testing import CliRunner
 
 from eldir.errors import EldirError, InputError
 from eldir.evolution.loop import evolve
+from eldir.evolution.paper.configuration import EvolutionConfig
 from eldir.evolution.printed.configuration import PrintedEvolutionConfig
-from eldir.evolution.search import EvolutionConfig
 from eldir.lattice import Lattice
 from eldir_app.application import application
 from tests.raised import raises
@@ -94,7 +94,7 @@ def test_nor_does_the_command_and_it_promises_nothing_saved(tmp_path: Path) -> N
 
 
 def test_nor_does_a_run_for_building(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("eldir.evolution.printed.search._ATTEMPTS", 2)
+    monkeypatch.setattr("eldir.evolution.printed.problem._ATTEMPTS", 2)
     arguments = ["evolve", "--objective", "printed", "--out", str(tmp_path / "run"), "--lattice", "1x3"]
     result = CliRunner().invoke(application(arguments[0]), [*arguments, "--static-margin", "56"])
     assert "too few bodies" in str(result.exception)

@@ -9,9 +9,10 @@ import pytest
 
 from eldir.errors import EldirError, InputError
 from eldir.evolution.designs import load_run
-from eldir.evolution.run_folder import RunFolder, load_generation
-from eldir.evolution.search import EvolutionConfig
+from eldir.evolution.paper.configuration import EvolutionConfig
+from eldir.evolution.paper.run_folder import RunFolder, load_generation
 from eldir.lattice import Lattice
+from tests.eldir.evolution.pretended_searches import fitness as fitness_of
 from tests.eldir.evolution.run_folders import contents, go_on
 from tests.paths import SCHEMAS
 from tests.raised import raises
@@ -71,9 +72,9 @@ def test_designs_come_best_first_with_their_origin(tmp_path):
     search = go_on(run, run.restore())
     designs = load_run(tmp_path / "run")
     fitness = [d.provenance["fitness_m"] for d in designs]
-    assert fitness == search.survivors.fitness().tolist() == sorted(fitness, reverse=True)
-    for design, controller in zip(designs, search.survivors.controllers, strict=True):
-        assert design.controller == controller
+    assert fitness == fitness_of(search).tolist() == sorted(fitness, reverse=True)
+    for design, robot in zip(designs, search.archive.ranked(), strict=True):
+        assert design.controller == robot.controller
         assert design.morphology.motors <= 2
         origin = design.provenance
         index = origin["id"] % CONFIG.population

@@ -6,18 +6,28 @@ import pytest
 from eldir.built.robot import build, count_mechanisms, static_margin
 from eldir.errors import InputError
 from eldir.evolution.designs import load_run
-from eldir.evolution.history import read_history
-from eldir.evolution.loop import LocalTrainer, Shard, run_generations
-from eldir.evolution.run_folder import RunFolder, load_generation
-from eldir.evolution.search import EvolutionConfig, Search
+from eldir.evolution.loop import run_generations
+from eldir.evolution.paper.configuration import EvolutionConfig
+from eldir.evolution.paper.history import read_history
+from eldir.evolution.paper.learning import Shard, add_outcome
+from eldir.evolution.paper.run_folder import RunFolder, load_generation
 from eldir.evolution.variation import inherit
+from eldir.evolution.workers import LocalWorkers
 from eldir.lattice import Lattice
 from eldir.learning import initial_controllers
 from eldir.morphology import develop
 from eldir.scene import Scene
 from eldir.training.configuration import TrainingConfig
 from tests.eldir.evolution.counting_evaluation import Counting
-from tests.eldir.evolution.pretended_searches import evaluate, evolved, pretend
+from tests.eldir.evolution.pretended_searches import (
+    complete_generation,
+    evaluate,
+    evolved,
+    fitness,
+    ids,
+    learn,
+    search_for,
+)
 from tests.eldir.evolution.run_folders import contents, go_on
 from tests.raised import raises
 
@@ -31,20 +41,20 @@ def changed(**values) -> EvolutionConfig:
 @pytest.mark.parametrize("crossover", ["none", "distinct", "joint"])
 def test_no_offspring_exceeds_a_constraint(crossover):
     config = changed(buildable=True, static_margin=0.01, crossover=crossover)
-    search = Search(config)
+    search = search_for(config)
     while not search.finished:
         robots = search.ask()
-        for body in robots.morphologies(config.lattice):
+        for body in robots.bodies:
             robot = build(body)
             assert 1 <= body.motors <= 2
             assert static_margin(robot) >= 0.01
             assert count_mechanisms(robot.positions, robot.springs) == 0
             assert count_mechanisms(robot.positions, robot.springs[~robot.active]) > 0
-        search.tell(robots, evaluate(robots, config))
+        search.tell(robots, add_outcome(robots.robots, evaluate(robots, config)))
 
 
 def test_without_the_constraint_such_bodies_are_born():
-    bodies = Search(changed(population=60)).ask().morphologies(SMALL.lattice)
+    bodies = search_for(changed(population=60)).ask().bodies
     assert any(count_mechanisms(b.positions, b.springs) for b in bodies)
 
 
@@ -59,7 +69,7 @@ class Heirs(Counting):
         for shard in shards:
             self.shards.append(shard)
             self.left -= 1
-            yield shard, pretend(shard.bodies, shard.seeds, SMALL)
+            yield shard, learn(shard, SMALL)
 
 
 def test_offspring_start_from_the_weights_of_their_parent(tmp_path):
@@ -68,20 +78,19 @@ def test_offspring_start_from_the_weights_of_their_parent(tmp_path):
     search, trainer = run.restore(), Heirs(3)
     run_generations(run, search, trainer, trainer.stopped)
     assert all(shard.controllers is None for shard in trainer.shards)
-    parents, trainer = search.survivors, Heirs(3)
-    robots = search.ask()
+    parents = {robot.number: robot for robot in search.archive.ranked()}
+    trainer, robots = Heirs(3), search.ask()
     run_generations(run, search, trainer, trainer.stopped)
-    fresh = initial_controllers(robots.morphologies(config.lattice), config.scene, robots.seeds.tolist())
+    fresh = initial_controllers(robots.bodies, config.scene, robots.seeds)
     heirs = 0
     for shard in trainer.shards:
         for i, body, start in zip(shard.index, shard.bodies, shard.controllers, strict=True):
-            one, other = robots.parents[i]
+            one, other = robots.robots[i].parents
             if one != other:
                 assert start == fresh[i]
                 continue
-            place = parents.robots.ids.tolist().index(one)
-            parent = develop(config.lattice, parents.robots.genotypes[place])
-            assert start == inherit(parent, parents.controllers[place], body, fresh[i])
+            parent = develop(config.lattice, parents[one].genotype)
+            assert start == inherit(parent, parents[one].controller, body, fresh[i])
             heirs += 1
     assert heirs > 0
 
@@ -93,10 +102,10 @@ def test_a_run_with_heirs_goes_on_with_the_same_bytes(tmp_path, optimiser):
         inherit=True, scene=scene, training=TrainingConfig(optimiser, 0.2).to_json(), generations=2
     )
     whole = RunFolder.create(tmp_path / "whole", config)
-    run_generations(whole, whole.restore(), LocalTrainer())
+    run_generations(whole, whole.restore(), LocalWorkers())
     parts = RunFolder.create(tmp_path / "parts", config)
     while not (search := parts.restore()).finished:
-        run_generations(parts, search, LocalTrainer(), iter([False, True]).__next__)
+        run_generations(parts, search, LocalWorkers(), iter([False, True]).__next__)
     assert contents(parts.path) == contents(whole.path)
 
 
@@ -108,23 +117,23 @@ def walks(bodies):
 def test_the_second_stage_removes_those_that_fall(tmp_path):
     config = changed(second_stage=True, population=20)
     run = RunFolder.create(tmp_path / "run", config)
-    search = Search(config, walks=walks)
+    search = search_for(config, walks=walks)
     go_on(run, search)
-    alive = search.survivors
-    sizes = [len(b.springs) for b in alive.robots.morphologies(config.lattice)]
+    alive = search.archive.ranked()
+    sizes = [len(develop(config.lattice, robot.genotype).springs) for robot in alive]
     assert all(n % 2 == 0 for n in sizes)
-    assert alive.walks.tolist() == [n / 100 for n in sizes]
+    assert [robot.walk for robot in alive] == [n / 100 for n in sizes]
     # Whoever was driven and stands is the best of all that stand.
     born = [load_generation(run.path, g) for g in range(4)]
     driven = np.concatenate([b["walk"] for b in born])
-    fitness = np.concatenate([-b["losses"].min(axis=1) for b in born])
+    walked = np.concatenate([-b["losses"].min(axis=1) for b in born])
     assert np.isneginf(driven).any()
-    standing = np.sort(fitness[np.isfinite(driven)])[::-1]
-    assert alive.fitness().tolist() == standing[: len(sizes)].tolist()
+    standing = np.sort(walked[np.isfinite(driven)])[::-1]
+    assert fitness(search).tolist() == standing[: len(sizes)].tolist()
     assert np.isnan(driven).any()  # not all had to be driven
-    assert run.restore().survivors == alive
-    assert [d.provenance["built_walk"] for d in load_run(run.path)] == alive.walks.tolist()
-    assert read_history(run).last.ids.tolist() == alive.robots.ids.tolist()
+    assert run.read_last_elites() == alive
+    assert [d.provenance["built_walk"] for d in load_run(run.path)] == [robot.walk for robot in alive]
+    assert read_history(run).last.ids.tolist() == ids(search)
 
 
 def test_the_second_stage_drives_each_body_once():
@@ -143,10 +152,9 @@ def test_the_second_stage_is_the_built_scene():
     config = changed(
         second_stage=True, static_margin=0.02, buildable=True, population=3, generations=0, seed=2
     )
-    search = Search(config)
-    robots = search.ask()
-    learned = search.tell(robots, evaluate(robots, config))
-    assert not np.isnan(learned.walks).any()
+    search = search_for(config)
+    learned = complete_generation(search).tried
+    assert None not in [robot.walk for robot in learned]
 
 
 def test_a_second_stage_with_many_motors_is_refused():

@@ -6,8 +6,8 @@ import jsonschema
 import pytest
 
 from eldir.errors import InputError
-from eldir.evolution.run_folder import RunFolder
-from eldir.evolution.search import EvolutionConfig
+from eldir.evolution.paper.configuration import EvolutionConfig
+from eldir.evolution.paper.run_folder import RunFolder
 from eldir.scene import TRAINING_FIELDS, Scene
 from eldir.training.configuration import TrainingConfig
 from eldir.training.randomisation import Randomisation

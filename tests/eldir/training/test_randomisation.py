@@ -11,9 +11,12 @@ from eldir.built.samples import IdentifiedRobots
 from eldir.built.scene import PrintedScene
 from eldir.defaults import Optimiser
 from eldir.errors import InputError
-from eldir.evolution.loop import LocalTrainer, run_generations
-from eldir.evolution.run_folder import RunFolder
-from eldir.evolution.search import EvolutionConfig, Search
+from eldir.evolution.loop import run_generations
+from eldir.evolution.paper.configuration import EvolutionConfig
+from eldir.evolution.paper.problem import PaperProblem
+from eldir.evolution.paper.run_folder import RunFolder
+from eldir.evolution.search import Search
+from eldir.evolution.workers import LocalWorkers
 from eldir.lattice import Lattice
 from eldir.learning import initial_controllers, learn
 from eldir.parameters.robot import RobotParameters
@@ -112,15 +115,13 @@ def test_a_run_keeps_its_randomisation(tmp_path: Path) -> None:
         RunFolder.create(tmp_path / name, config)
         run = RunFolder.open(tmp_path / name)
         assert run.config == config
-        search = Search(run.config)
-        run_generations(run, search, LocalTrainer())
-        assert search.survivors is not None
-        found.append(search.survivors.losses.tobytes())
-    plain = Search(replace(config, randomisation=None))
-    RunFolder.create(tmp_path / "c", plain.config)
-    run_generations(RunFolder.open(tmp_path / "c"), plain, LocalTrainer())
-    assert plain.survivors is not None
-    assert found[0] == found[1] != plain.survivors.losses.tobytes()
+        search = Search(PaperProblem(run.config))
+        run_generations(run, search, LocalWorkers())
+        found.append([robot.losses.tobytes() for robot in search.archive.ranked()])
+    other = RunFolder.create(tmp_path / "c", replace(config, randomisation=None))
+    plain = other.restore()
+    run_generations(other, plain, LocalWorkers())
+    assert found[0] == found[1] != [robot.losses.tobytes() for robot in plain.archive.ranked()]
     values = json.loads((tmp_path / "a" / "run.json").read_text())
     del values["config"]["randomisation"]
     assert EvolutionConfig.from_json(values["config"]).randomisation is None

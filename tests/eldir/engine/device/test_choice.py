@@ -16,7 +16,7 @@ from eldir.engine.device.process import chosen_device, cuda_devices, learns_on_d
 from eldir.engine.shortcuts import Shortcuts
 from eldir.errors import InputError, MissingDependencyError
 from eldir.evolution import EvolutionConfig, resume
-from eldir.evolution.run_folder import RunFile, RunFolder
+from eldir.evolution.paper.run_folder import RunFile, RunFolder
 from eldir.lattice import Lattice
 from eldir.scene import Scene
 from tests.eldir.engine.random_robots import robots

@@ -15,7 +15,7 @@ from eldir.engine.device.run import numpy_memory, run
 from eldir.engine.kernels.contact import NO_SLIP
 from eldir.engine.shortcuts import Shortcuts
 from eldir.engine.validity import NO_GRADIENT
-from eldir.evolution.search import make_scene
+from eldir.evolution.paper.configuration import make_scene
 from eldir.learning import initial_controllers
 from eldir.morphology import Morphology
 from eldir.physics import Physics

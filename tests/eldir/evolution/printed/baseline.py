@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 
 from eldir.built.samples import NominalRobots, sample_walks
 from eldir.evolution.printed.configuration import PrintedEvolutionConfig
-from eldir.evolution.printed.search import Candidate, PrintedSearch
+from eldir.evolution.printed.problem import Candidate, PrintedSearch
 from eldir_hardware.planning.workshop import make_workshop
 
 GENERATIONS = 10

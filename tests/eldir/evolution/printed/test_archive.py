@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,14 +10,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eldir.core.records import FloatArray
-from eldir.evolution.printed.archive import Archive, Niche, Walker, find_niche
-from eldir.evolution.printed.search import Evaluation, PrintedSearch, in_turn, most_promising
-from eldir.evolution.printed.trials import Trial
+from eldir.evolution.archive import Archive
+from eldir.evolution.printed.problem import PrintedProblem, in_turn, most_promising
+from eldir.evolution.printed.walker import Niche, Walker, find_niche, group_by_size
+from eldir.evolution.problem import Batch
+from eldir.evolution.search import Search
 from eldir.genotype import Genotype
 from eldir.lattice import Lattice
 from eldir.morphology import develop
-from eldir.parameters.robot import RobotParameters
-from tests.eldir.evolution.printed.small_searches import LATTICE, SMALL, genomes
+from tests.eldir.evolution.printed.small_searches import LATTICE, SMALL, genomes, run_to_end
 
 GENOME = genomes(1)[0]
 KINDS = [Niche(1, 1, 1, 0), Niche(1, 2, 1, 0), Niche(1, 2, 2, 0)]
@@ -52,9 +52,9 @@ def test_offers_leave_the_best_that_is_known_as_well(
 ) -> None:
     archive = Archive()
     for number, (walks, niche) in enumerate(offers):
-        before, offered = archive.elites.get(niche), walker(number, walks, niche)
+        before, offered = archive.best(niche), walker(number, walks, niche)
         admitted = archive.offer(offered)
-        after = archive.elites[niche]
+        after = archive.best(niche)
         assert after is (offered if admitted else before)
         if before is None:
             assert admitted
@@ -75,14 +75,14 @@ def test_a_lucky_first_look_does_not_displace_what_many_samples_have_shown(
     newcomer = at_home(walker(2, [2.0] * 8))
     asked: list[int] = []
 
-    def evaluate(kind: Evaluation, trials: Sequence[Trial], nominal: RobotParameters) -> FloatArray:
-        asked.extend(trial.first for trial in trials)
-        return np.full((len(trials), 8), later)
+    def answer(batch: Batch) -> FloatArray:
+        asked.extend(trial.first for trial in batch.tasks)
+        return np.full((len(batch), 8), later)
 
-    search = PrintedSearch(SMALL, archive=Archive({elite.niche: elite}), evaluate=evaluate)
-    assert search.admit([newcomer]) == displaces
-    inside = search.archive.elites[elite.niche]
-    assert (inside.number, len(inside.walks)) == (2 if displaces else 1, 32)
+    search = Search(PrintedProblem(SMALL), elites=[elite])
+    assert run_to_end(search.admit([newcomer]), answer) == displaces
+    inside = search.archive.best(elite.niche)
+    assert inside is not None and (inside.number, len(inside.walks)) == (2 if displaces else 1, 32)
     assert asked == ([8, 16, 24] if displaces else [8, 16]), "no longer than it may still be better"
 
 
@@ -90,9 +90,9 @@ def test_newcomers_of_one_kind_are_compared_with_each_other_too() -> None:
     """The second is better than the elite, but the first, which has entered, is better still."""
     elite = at_home(walker(1, [1.0, 1.1] * 4))
     best, second = at_home(walker(2, [1.8, 1.9] * 4)), at_home(walker(3, [1.5, 1.6] * 4))
-    search = PrintedSearch(SMALL, archive=Archive({elite.niche: elite}))
-    assert search.admit([best, second]) == 1
-    assert search.archive.elites[elite.niche].number == 2
+    search = Search(PrintedProblem(SMALL), elites=[elite])
+    assert run_to_end(search.admit([best, second])) == 1
+    assert [w.number for w in search.archive.ranked()] == [2]
 
 
 def test_half_of_the_evaluations_go_to_the_farthest_and_the_others_to_sizes_in_turn() -> None:
@@ -123,11 +123,10 @@ def test_sizes_that_walk_nearly_as_far_share_the_offspring() -> None:
         walker(3, [1.5, 1.5], Niche(2, 2, 9, 1)),
         walker(4, [1.3, 1.3], Niche(3, 2, 12, 1)),
     ]
-    archive = Archive({w.niche: w for w in elites})
-    assert [[w.number for w in own] for own in archive.by_size(0.7)] == [[1, 2], [3]]
-    assert len(archive.by_size(0.0)) == 3
-    falls = Archive({KIND: walker(5, [-1.0, -1.0])})
-    assert [[w.number for w in own] for own in falls.by_size(0.7)] == [[5]], "the best one always counts"
+    assert [[w.number for w in own] for own in group_by_size(Archive(elites).ranked(), 0.7)] == [[1, 2], [3]]
+    assert len(group_by_size(elites, 0.0)) == 3
+    falls = [walker(5, [-1.0, -1.0])]
+    assert group_by_size(falls, 0.7) == [falls], "the best one always counts"
 
 
 def test_an_elite_that_disappoints_loses_its_rank_but_not_what_is_known() -> None:

@@ -8,7 +8,7 @@ import pytest
 from eldir.built.ground import place
 from eldir.built.robot import build
 from eldir.evolution.printed.analysis import Elite, bodies_figure, ground_figure
-from eldir.evolution.printed.archive import Niche, Walker
+from eldir.evolution.printed.walker import Niche, Walker
 from eldir.terrain import Terrain
 from tests.eldir.built.grounds import plane
 from tests.eldir.evolution.printed.small_searches import BODY, GAIT, genomes

@@ -7,7 +7,7 @@ import json
 import re
 import signal
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -26,12 +26,12 @@ from eldir.core.records import FloatArray
 from eldir.errors import EldirError, InputError
 from eldir.evolution import designs as designs_of_runs
 from eldir.evolution import load_run, tables
+from eldir.evolution.loop import run_generations
 from eldir.evolution.printed.analysis import archive_figure
-from eldir.evolution.printed.archive import Niche
 from eldir.evolution.printed.best_walks import printed_walks
 from eldir.evolution.printed.configuration import PrintedEvolutionConfig
-from eldir.evolution.printed.run_folder import PrintedRun, evolve_printed, progress_line, read_status
-from eldir.evolution.printed.search import Candidate, Evaluation, PrintedSearch
+from eldir.evolution.printed.problem import Candidate, PrintedProblem, is_steady
+from eldir.evolution.printed.run_folder import PrintedRun
 from eldir.evolution.printed.trials import (
     FRESH,
     LANES,
@@ -41,10 +41,14 @@ from eldir.evolution.printed.trials import (
     screen_gaits,
     walk_on_slopes,
 )
+from eldir.evolution.printed.walker import Niche
+from eldir.evolution.problem import Part, TrialPart
+from eldir.evolution.search import Search
+from eldir.evolution.status import read_status
+from eldir.evolution.workers import LocalWorkers
 from eldir.lattice import Lattice
 from eldir.learning import learn
 from eldir.morphology import Morphology
-from eldir.parameters.robot import RobotParameters
 from eldir.scene import Scene
 from eldir_app.application import application
 from tests.eldir.built.braced_robots import body
@@ -76,7 +80,7 @@ class Course(NamedTuple):
 
     shown: list[tuple[float, str]]
     """How far it was, in generations, and its line of progress."""
-    judged: list[tuple[Evaluation, int]]
+    judged: list[tuple[Callable, int]]
     """Kinds of trial in their order, and how many robots each had."""
 
 
@@ -99,17 +103,23 @@ def course(tmp_path_factory: pytest.TempPathFactory) -> Course:
     def run() -> Course:
         noted = Course([], [])
 
-        def progress(search: PrintedSearch, share: float) -> None:
-            line = progress_line(search.generation, search.archive)
-            noted.shown.append((search.generation + share, line))
-
-        def evaluate(kind: Evaluation, trials: Sequence[Trial], nominal: RobotParameters) -> FloatArray:
-            noted.judged.append((kind, len(trials)))
-            shape = {screen_gaits: LANES, evaluate_walks: FRESH}.get(kind, 2)
-            return np.array([np.random.default_rng(t.seed).uniform(0.9, 1.1, shape) for t in trials])
+        class Invented(LocalWorkers):
+            def __call__(self, parts: Iterable[Part]) -> Iterator[tuple[Part, FloatArray]]:
+                for part in parts:
+                    assert isinstance(part, TrialPart)
+                    noted.judged.append((part.trial, len(part.tasks)))
+                    shape = {screen_gaits: LANES, evaluate_walks: FRESH}.get(part.trial, 2)
+                    seeds = [np.random.default_rng(t.seed) for t in part.tasks]
+                    yield part, np.array([rng.uniform(0.9, 1.1, shape) for rng in seeds])
 
         folder = PrintedRun.create(tmp_path_factory.mktemp("course") / "run", replace(SMALL, generations=1))
-        assert evolve_printed(folder, progress=progress, evaluate=evaluate)
+        search = folder.restore()
+
+        def progress(share: float) -> None:
+            noted.shown.append((search.generation + share, folder.progress_line(search)))
+
+        run_generations(folder, search, Invented(), progress=progress)
+        assert search.finished
         return noted
 
     return made_once(tmp_path_factory, "printed course", run)
@@ -151,7 +161,7 @@ def test_designs_carry_a_gait_and_walk_in_it_as_promised(whole: Path) -> None:
         json.loads((whole / "run.json").read_text()),
         json.loads((SCHEMAS / "printed-run.schema.json").read_text()),
     )
-    designs, elites = load_run(whole), run.restore().archive.ranked()
+    designs, elites = load_run(whole), run.read_last_elites()
     assert len(designs) == len(elites) > 0
     best = designs[0]
     gait, told = read_gait(best), best.provenance["evolved_walk"]
@@ -185,8 +195,8 @@ def test_what_the_workshop_refuses_is_not_tried() -> None:
     def refused(body: Morphology) -> str:
         return "too wide" * (len(body.positions) > 8)
 
-    searches = [PrintedSearch(SMALL, said) for said in (refused, lambda body: "")]
-    tried = [search.progenitors(np.random.default_rng(3)) for search in searches]
+    problems = [PrintedProblem(SMALL, said) for said in (refused, lambda body: "")]
+    tried = [problem.random(0, np.random.default_rng(3)) for problem in problems]
     small, all_sizes = ([len(c.body.positions) for c in found] for found in tried)
     assert len(small) == len(all_sizes) == 24
     assert max(small) <= 8 < max(all_sizes)
@@ -204,43 +214,39 @@ def test_twice_as_many_random_robots_as_offspring_are_looked_at_closely(course: 
 
 def test_a_body_is_shown_to_the_workshop_once() -> None:
     shown: list[Morphology] = []
-    search = PrintedSearch(SMALL, lambda body: shown.append(body) or "")
+    problem = PrintedProblem(SMALL, lambda body: shown.append(body) or "")
     for seed in range(3):
-        search.progenitors(np.random.default_rng(seed % 2))
+        problem.random(0, np.random.default_rng(seed % 2))
     assert len({body.key for body in shown}) == len(shown) > 24
 
 
 def test_a_workshop_that_refuses_all_ends_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("eldir.evolution.printed.search._ATTEMPTS", 5)
+    monkeypatch.setattr("eldir.evolution.printed.problem._ATTEMPTS", 5)
     run = PrintedRun.create(tmp_path / "run", SMALL)
     with raises(EldirError, "evolution.too-few-bodies", match="expected 24 different bodies; found 0"):
-        evolve_printed(run, lambda body: "too wide")
+        run.restore(lambda body: "too wide").ask()
     assert "best" not in read_status(run).summary()
 
 
-def test_a_mirror_image_must_be_buildable_too(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_mirror_image_must_be_buildable_too() -> None:
     genome = genomes(200, 7)[36]
-    walks = np.array([[-0.1, 0.0, -0.3, -0.5, 0.0, -0.3, 0.0, -np.inf]])
-    monkeypatch.setattr("eldir.evolution.printed.search.screen_gaits", lambda *_: walks)
-    candidate = Candidate(0, -1, genome, genome.body(SMALL.lattice))
+    walks = np.array([[-0.1, 0.0, -0.3, -0.5, 0.0, -0.3, 0.0, 0.0]])
+    candidates = [Candidate(0, -1, genome, genome.body(SMALL.lattice), 0)]
     for said in ("", "too wide"):
-        _, promising = PrintedSearch(SMALL, lambda body, said=said: said).screen([candidate])
-        assert len(promising) == (said == "")
+        problem = PrintedProblem(SMALL, lambda body, said=said: said)
+        trials = problem.screening_trials(candidates)
+        assert len(problem.select_promising(candidates, trials, walks, 2)) == (said == "")
 
 
 @pytest.mark.parametrize("forward", [True, False])
-def test_a_backward_walker_goes_on_as_its_mirror_image(
-    forward: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_backward_walker_goes_on_as_its_mirror_image(forward: bool) -> None:
     """Judged by a stand-in for the first trial; that the image walks the other way is tested with physics."""
-    search, genome = PrintedSearch(SMALL), genomes(200, 7)[36]
-    walks = np.array([[0.1, 0.0, -0.1, 0.5, 0.0, 0.3, 0.0, -np.inf]])
-    monkeypatch.setattr(
-        "eldir.evolution.printed.search.screen_gaits", lambda *_: walks if forward else -walks
-    )
+    problem, genome = PrintedProblem(SMALL), genomes(200, 7)[36]
+    walks = np.array([[0.1, 0.0, -0.1, 0.5, 0.0, 0.3, 0.0, 0.0]])
     body = genome.body(SMALL.lattice)
-    _, promising = search.screen([Candidate(0, -1, genome, body)])
-    ((candidate, trial),) = promising
+    candidates = [Candidate(0, -1, genome, body, 0)]
+    trials = problem.screening_trials(candidates)
+    ((candidate, trial),) = problem.select_promising(candidates, trials, walks if forward else -walks, 2)
     assert trial.body is candidate.body
     assert (
         edges(candidate.body)
@@ -283,10 +289,10 @@ def test_configurations_that_make_no_sense(name: str, wrong: object, code: str, 
 
 
 def test_bodies_that_never_stand_end_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("eldir.evolution.printed.search._ATTEMPTS", 5)
+    monkeypatch.setattr("eldir.evolution.printed.problem._ATTEMPTS", 5)
     impossible = replace(SMALL, lattice=Lattice(1, 1), static_margin=0.027)
     with raises(EldirError, "evolution.too-few-bodies"):
-        PrintedSearch(impossible).step()
+        Search(PrintedProblem(impossible)).ask()
 
 
 @pytest.mark.parametrize(
@@ -332,7 +338,7 @@ def test_analyse_draws_such_runs(whole: Path, tmp_path: Path) -> None:
     assert {p.name for p in out.iterdir()} == linked | pictures | {"index.html"} and len(pictures) == 6
     assert all(cv2.imread(str(out / name)).std() > 3 for name in pictures)
     run = PrintedRun.open(whole)
-    elites = run.restore().archive.ranked()
+    elites = run.read_last_elites()
     rows = list(csv.DictReader((out / "elites.csv").read_text().splitlines()))
     assert [int(row["id"]) for row in rows] == [w.number for w in elites]
     for row, walker in zip(rows, elites, strict=True):
@@ -390,28 +396,31 @@ def test_a_run_without_a_walker_has_no_figures(tmp_path: Path) -> None:
 
 
 def test_only_the_best_become_designs(whole: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert len(PrintedRun.open(whole).restore().archive.elites) > 1
+    assert len(PrintedRun.open(whole).read_last_elites()) > 1
     monkeypatch.setattr(designs_of_runs, "_MAX_PRINTED", 1)
     assert len(load_run(whole)) == 1
 
 
 def test_a_tilted_table_must_not_change_the_walk_much() -> None:
     """Of robots that walk somehow on a level table, those that a slope stops or drives are left out."""
-    search = PrintedSearch(SMALL)
-    tried = [Candidate(i, -1, g, g.body(SMALL.lattice)) for i, g in enumerate(genomes(14, 8))]
-    chosen = [(c, c.genome.gait(c.body, SMALL.timings)) for c in tried if search.stands(c.body)]
-    kept = {c.number for c, _ in search.keep_steady(chosen)}
-    assert 0 < len(kept) < len(chosen)
-    for c, gait in chosen:
-        down, up = walk_on_slopes([Trial(c.body, (gait,), (SMALL.seed, c.number, 3))], SMALL.nominal)[0]
-        assert (c.number in kept) == (0.7 * down <= up and 0.7 * up <= down and up > 0 and down > 0)
+    bodies = [(g, g.body(SMALL.lattice)) for g in genomes(14, 8)]
+    trials = [
+        Trial(body, (genome.gait(body, SMALL.timings),), (SMALL.seed, number, 3))
+        for number, (genome, body) in enumerate(bodies)
+        if PrintedProblem(SMALL).stands(body)
+    ]
+    walks = walk_on_slopes(trials, SMALL.nominal)
+    kept = is_steady(walks)
+    assert 0 < kept.sum() < len(trials)
+    for steady, (down, up) in zip(kept, walks, strict=True):
+        assert steady == (0.7 * down <= up and 0.7 * up <= down and up > 0 and down > 0)
 
 
 def test_towers_do_not_stand() -> None:
-    search = PrintedSearch(replace(SMALL, lattice=Lattice(6, 11)))
-    assert search.stands(body(*[(row, c) for row in range(2) for c in (3, 4, 5)]))
+    problem = PrintedProblem(replace(SMALL, lattice=Lattice(6, 11)))
+    assert problem.stands(body(*[(row, c) for row in range(2) for c in (3, 4, 5)]))
     tower = body(*[(row, c) for row in range(4) for c in (3, 4, 5)])
     assert height_over_base(build(tower)) == pytest.approx(4 * np.sqrt(3) / 2 / 2) and not find_shape_fault(
         build(tower)
     )
-    assert not search.stands(tower)
+    assert not problem.stands(tower)

@@ -18,11 +18,11 @@ from eldir.built.walking import walk
 from eldir.design import Design
 from eldir.errors import InputError
 from eldir.evolution.designs import load_run
+from eldir.evolution.paper.configuration import make_terrain
+from eldir.evolution.paper.run_folder import RunFolder
 from eldir.evolution.printed.configuration import PrintedEvolutionConfig
 from eldir.evolution.printed.run_folder import PrintedRun
 from eldir.evolution.printed.trials import Trial, evaluate_walks
-from eldir.evolution.run_folder import RunFolder
-from eldir.evolution.search import make_terrain
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
@@ -59,7 +59,7 @@ def test_the_run_holds_the_paper_s_ground_in_the_robot_s_size(run: Path) -> None
 def test_its_elites_walk_on_that_ground(run: Path) -> None:
     """Each elite's walks are those of its trial on the terrain, and not those on a table."""
     folder = PrintedRun.open(run)
-    elites = folder.restore().archive.ranked()
+    elites = folder.read_last_elites()
     assert elites
     for ground, same in ((folder.config.terrain, True), (None, False)):
         trials = [

@@ -12,8 +12,8 @@ import numpy as np
 
 from eldir.core.records import BoolArray, FloatArray, IntArray
 from eldir.errors import InputError
-from eldir.evolution.population import flagged_share
-from eldir.evolution.run_folder import RunFolder, load_generation
+from eldir.evolution.paper.population import flagged_share
+from eldir.evolution.paper.run_folder import RunFolder, load_generation
 from eldir.genotype import Genotype
 
 

@@ -1,10 +1,9 @@
-"""The archive of printed robots: the best one of every niche (MAP-Elites, Mouret and Clune 2015).
-
-Fitness is estimated from samples, so an elite that is evaluated again may lose its rank.
-"""
+"""Printed robots in the archive: their niche, the walks of their samples, and the fitness by which they are
+ranked."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -49,6 +48,11 @@ class Walker(Record):
         self._set_array("walks", np.float64, (None,))
 
     @property
+    def samples(self) -> int:
+        """Number of samples whose walks are known."""
+        return len(self.walks)
+
+    @property
     def expected(self) -> float:
         """Mean walk of the samples [body lengths per five cycles]."""
         return float(self.walks.mean()) if len(self.walks) else -np.inf
@@ -79,44 +83,12 @@ def find_niche(body: Morphology) -> Niche:
     return Niche(round(rows), round(length), len(body.positions), int(grounded.sum()))
 
 
-@dataclass
-class Archive:
-    """The best walker of every niche."""
-
-    elites: dict[Niche, Walker] = field(default_factory=dict)
-
-    def ranked(self) -> list[Walker]:
-        """All elites, the best first."""
-        return sorted(self.elites.values(), key=lambda w: (-w.fitness, w.number))
-
-    def by_size(self, min_ratio: float) -> list[list[Walker]]:
-        """The elites of each size (number of hubs), the best first, of sizes whose best one has at least this
-        part of the best fitness of all."""
-        sizes: dict[int, list[Walker]] = {}
-        for walker in self.ranked():
-            sizes.setdefault(walker.niche.masses, []).append(walker)
-        groups = list(sizes.values())
-        threshold = min_ratio * groups[0][0].fitness
-        return [own for own in groups if own is groups[0] or own[0].fitness >= threshold]
-
-    def incumbent(self, niche: Niche) -> float:
-        """Fitness of the elite of a niche; minus infinity if it is empty."""
-        return self.elites[niche].fitness if niche in self.elites else -np.inf
-
-    def challenges(self, walker: Walker) -> bool:
-        """Whether the estimated fitness of a walker is above that of the elite of its niche."""
-        return walker.fitness > self.incumbent(walker.niche)
-
-    def offer(self, walker: Walker) -> bool:
-        """Admit a walker that is fitter than the elite of its niche and has at least as many samples: a few
-        lucky samples do not displace what many samples have shown."""
-        elite = self.elites.get(walker.niche)
-        if not self.challenges(walker) or (elite and len(walker.walks) < len(elite.walks)):
-            return False
-        self.elites[walker.niche] = walker
-        return True
-
-    def update(self, walker: Walker) -> None:
-        """Replace an elite by itself with further samples."""
-        if self.elites[walker.niche].number == walker.number:
-            self.elites[walker.niche] = walker
+def group_by_size(ranked: Sequence[Walker], min_ratio: float) -> list[list[Walker]]:
+    """The elites of each size (number of hubs), the best first, of sizes whose best one has at least this
+    part of the best fitness of all."""
+    sizes: dict[int, list[Walker]] = {}
+    for walker in ranked:
+        sizes.setdefault(walker.niche.masses, []).append(walker)
+    groups = list(sizes.values())
+    threshold = min_ratio * groups[0][0].fitness
+    return [own for own in groups if own is groups[0] or own[0].fitness >= threshold]

@@ -15,9 +15,9 @@ from eldir.core.pictures import Plot, csv_text, draw_plots, page_templates, writ
 from eldir.core.records import FloatArray
 from eldir.evolution import figures
 from eldir.evolution.best_walks import draw_walks, trained_walks
-from eldir.evolution.history import EvaluatedRobots, RunHistory, Trend, read_history
-from eldir.evolution.run_folder import RunFolder
-from eldir.evolution.status import describe_flags
+from eldir.evolution.paper.history import EvaluatedRobots, RunHistory, Trend, read_history
+from eldir.evolution.paper.run_folder import RunFolder
+from eldir.evolution.paper.status import describe_flags
 from eldir.learning import learning_paths
 from eldir.morphology import develop
 

@@ -1,25 +1,24 @@
-"""The search for printed robots that walk: offspring of the archive, evaluated in trials of rising accuracy.
+"""The evolution of printed robots that walk: offspring of the archive, and trials of rising accuracy.
 
 In each generation, elites have offspring that stand, move and can be printed. A short trial with soft strips
 finds their phases and rejects half of them. Samples with hubs decide between two gaits. A table that is
-tilted either way must not change the walk much. Eight fresh samples with hubs give the fitness. Then the best
-elites are evaluated again, because the best of many estimates is too good (winner's curse).
+tilted either way must not change the walk much. Eight fresh samples with hubs give the fitness.
 """
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from eldir.built.gait import Gait
 from eldir.built.robot import build, find_shape_fault, height_over_base, static_margin
-from eldir.core.records import FloatArray
+from eldir.core.records import BoolArray, FloatArray
 from eldir.errors import EldirError
-from eldir.evolution.printed.archive import Archive, Walker, find_niche
+from eldir.evolution.archive import Archive
 from eldir.evolution.printed.configuration import PrintedEvolutionConfig, RejectionReason
 from eldir.evolution.printed.genome import (
     PrintedGenome,
@@ -37,14 +36,10 @@ from eldir.evolution.printed.trials import (
     screen_gaits,
     walk_on_slopes,
 )
+from eldir.evolution.printed.walker import Walker, find_niche, group_by_size
+from eldir.evolution.problem import Course, TrialBatch
 from eldir.morphology import Morphology
-from eldir.parameters.robot import RobotParameters
 
-Evaluation = Callable[[Sequence[Trial], RobotParameters], FloatArray]
-"""A kind of trial in `eldir.evolution.printed.trials`: a row for each trial of robots like the nominal."""
-Evaluator = Callable[[Evaluation, Sequence[Trial], RobotParameters], FloatArray]
-"""Runs such trials somewhere: here, or on a cluster. No row depends on the others."""
-Progress = Callable[[float], None]
 MAX_SAMPLES = 32
 """Samples up to which elites are evaluated again."""
 _ATTEMPTS = 400  # for each offspring that stands
@@ -60,11 +55,6 @@ _REEVALUATED = 3  # elites that are evaluated again in a generation
 _MIN_WALK = 0.1  # less than this in the best gait: not a walker [body lengths per five cycles]
 
 
-def evaluate_here(kind: Evaluation, trials: Sequence[Trial], nominal: RobotParameters) -> FloatArray:
-    """The trials, run on this machine."""
-    return kind(trials, nominal)
-
-
 class Candidate(NamedTuple):
     """A robot on its way through the trials of one generation."""
 
@@ -72,72 +62,38 @@ class Candidate(NamedTuple):
     parent: int
     genome: PrintedGenome
     body: Morphology
+    generation: int
+    screened: float = 0.0
+    """Best walk in the first trial [body lengths per five cycles]."""
 
 
-@dataclass(frozen=True)
-class Generation:
-    """What happened in one generation."""
+class PrintedProblem:
+    """Printed robots that walk on the rig's springs."""
 
-    number: int
-    candidates: tuple[Candidate, ...]
-    screened_walks: FloatArray
-    """Best walk of each in the first trial [body lengths per five cycles], shape (candidates,)."""
-    evaluated: tuple[Walker, ...]
-    """Robots with the walks of their first evaluation."""
-    admitted: int
-    """Number of robots that entered the archive."""
+    capacity = 1
 
+    def __init__(
+        self, config: PrintedEvolutionConfig, rejection_reason: RejectionReason = lambda body: ""
+    ) -> None:
+        """`rejection_reason` says why a body cannot be built, and must be the same whenever a run is
+        continued."""
+        self.config = config
+        self.seed, self.generations = config.seed, config.generations
+        self.rejection_reason = rejection_reason
+        self._buildable: dict[bytes, bool] = {}  # of each body: many robots differ in their gaits alone
 
-@dataclass
-class PrintedSearch:
-    """The state of a run after its last complete generation."""
-
-    config: PrintedEvolutionConfig
-    rejection_reason: RejectionReason = lambda body: ""
-    generation: int = 0
-    """Number of the generation that comes next."""
-    archive: Archive = field(default_factory=Archive)
-    evaluate: Evaluator = evaluate_here
-    _buildable: dict[bytes, bool] = field(default_factory=dict, init=False, repr=False)
-    """Result of the build filter for each body: many robots differ in their gaits alone."""
-
-    @property
-    def finished(self) -> bool:
-        """Whether the last generation is complete."""
-        return self.generation > self.config.generations
-
-    def step(self, progress: Progress = lambda share: None) -> Generation:
-        """Run one generation; the same configuration gives the same one, whatever was interrupted before."""
-        rng = np.random.default_rng(np.random.SeedSequence(self.config.seed, spawn_key=(self.generation,)))
-        candidates = self._offspring(rng) if self.archive.elites else self.progenitors(rng)
-        progress(0.1)
-        walks, promising = self.screen(candidates)
-        progress(0.4)
-        chosen = self._choose_gaits(promising)
-        progress(0.7)
-        walkers = self._evaluate(chosen)
-        admitted = self.admit(walkers)
-        progress(0.9)
-        self._reevaluate_elites()
-        found = Generation(
-            self.generation, tuple(candidates), np.abs(walks).max(axis=1), tuple(walkers), admitted
-        )
-        progress(1.0)
-        self.generation += 1
-        return found
-
-    def progenitors(self, rng: np.random.Generator) -> list[Candidate]:
+    def random(self, generation: int, rng: np.random.Generator) -> list[Candidate]:
         c = self.config
 
         def sample() -> list[tuple[int, PrintedGenome]]:
             genomes = random_genomes(c.lattice, c.offspring, rng, c.max_active, len(c.timings))
             return [(-1, genome) for genome in genomes]
 
-        return self._collect_candidates(sample, _RANDOM * c.offspring)
+        return self._collect(sample, generation, _RANDOM * c.offspring)
 
-    def _offspring(self, rng: np.random.Generator) -> list[Candidate]:
-        c, ranked = self.config, self.archive.ranked()
-        sizes = self.archive.by_size(_MIN_SIZE_RATIO)
+    def vary(self, archive: Archive[Walker], generation: int, rng: np.random.Generator) -> list[Candidate]:
+        c, ranked = self.config, archive.ranked()
+        sizes = group_by_size(ranked, _MIN_SIZE_RATIO)
 
         def sample() -> list[tuple[int, PrintedGenome]]:
             best = ranked if rng.random() < _ELSEWHERE else sizes[rng.integers(len(sizes))]
@@ -147,13 +103,13 @@ class PrintedSearch:
                 (parent.number, make_offspring(c.lattice, parent.genome, rng, c.max_active, len(c.timings)))
             ]
 
-        return self._collect_candidates(sample, c.offspring)
+        return self._collect(sample, generation, c.offspring)
 
-    def _collect_candidates(
-        self, sample: Callable[[], list[tuple[int, PrintedGenome]]], wanted: int
+    def _collect(
+        self, sample: Callable[[], list[tuple[int, PrintedGenome]]], generation: int, wanted: int
     ) -> list[Candidate]:
         """Robots that stand, keep their shape, move and can be built; no two have the same genes."""
-        first = self.generation * _RANDOM * self.config.offspring
+        first = generation * _RANDOM * self.config.offspring
         found: dict[bytes, Candidate] = {}
         sampled = 0
         while sampled < _ATTEMPTS * wanted:
@@ -161,8 +117,8 @@ class PrintedSearch:
                 sampled += 1
                 body = genome.body(self.config.lattice)
                 if len(found) < wanted and self.stands(body):
-                    key = _key(genome, body)
-                    found.setdefault(key, Candidate(first + len(found), parent, genome, body))
+                    number = first + len(found)
+                    found.setdefault(_key(genome, body), Candidate(number, parent, genome, body, generation))
             if len(found) == wanted:
                 return list(found.values())
         raise EldirError(
@@ -188,23 +144,48 @@ class PrintedSearch:
             self._buildable[body.key] = not self.rejection_reason(body)
         return self._buildable[body.key]
 
-    def _trial_capacity(self, part: float) -> int:
-        """How many robots may go on to a trial: this part of a generation, twice as many at the beginning."""
-        return round(part * self.config.offspring * (1 if self.archive.elites else _FOUNDERS))
+    def judge(
+        self, candidates: Sequence[Candidate], archive: Archive[Walker]
+    ) -> Course[tuple[list[Candidate], list[Walker]]]:
+        founders = 1 if len(archive) else _FOUNDERS
+        room = [round(part * self.config.offspring * founders) for part in (_COMPARED, _EVALUATED)]
+        trials = self.screening_trials(candidates)
+        walks = count_falls_as_zero((yield self._batch(screen_gaits, trials, 0.1, 0.4)))
+        tried = [
+            c._replace(screened=float(most))
+            for c, most in zip(candidates, np.abs(walks).max(axis=1), strict=True)
+        ]
+        promising = self.select_promising(candidates, trials, walks, room[0])
+        chosen: list[tuple[Candidate, Gait]] = []
+        if promising:
+            walks = yield self._batch(compare_gaits, [trial for _, trial in promising], 0.4, 0.6)
+            chosen = self._choose_gaits(promising, walks, archive, room[1])
+        if chosen and self.config.terrain is None:  # a terrain has slopes that matter more than a table's
+            trials = [Trial(c.body, (gait,), self._seed(c.number, 3)) for c, gait in chosen]
+            walks = yield self._batch(walk_on_slopes, trials, 0.6, 0.7)
+            chosen = [pair for pair, steady in zip(chosen, is_steady(walks), strict=True) if steady]
+        walkers = [
+            Walker(c.number, c.parent, c.generation, _with_gait(c, gait), find_niche(c.body))
+            for c, gait in chosen[: room[1]]
+        ]
+        return tried, (yield from self.sample(walkers))
 
-    def screen(self, candidates: Sequence[Candidate]) -> tuple[FloatArray, list[tuple[Candidate, Trial]]]:
-        """The walks of the first trial, and the robots that go on with their two best gaits. A robot that
-        walks backwards goes on as its mirror image."""
-        nominal, ground = self.config.nominal, self.config.terrain
-        trials = [
+    def screening_trials(self, candidates: Sequence[Candidate]) -> list[Trial]:
+        ground = self.config.terrain
+        return [
             make_screening_trial(c.body, self._gait(c), self._seed(c.number, 0), c.parent < 0, ground)
             for c in candidates
         ]
-        walks = count_falls_as_zero(self.evaluate(screen_gaits, trials, nominal))
+
+    def select_promising(
+        self, candidates: Sequence[Candidate], trials: Sequence[Trial], walks: FloatArray, room: int
+    ) -> list[tuple[Candidate, Trial]]:
+        """The robots that go on from the first trial, with their two best gaits. A robot that walks backwards
+        goes on as its mirror image."""
         most = np.abs(walks).max(axis=1)
         promising: list[tuple[Candidate, Trial]] = []
         for i in np.argsort(-most, kind="stable"):
-            if len(promising) == self._trial_capacity(_COMPARED) or most[i] < _MIN_WALK:
+            if len(promising) == room or most[i] < _MIN_WALK:
                 break
             candidate, forward = candidates[i], 1.0
             if walks[i].max() < most[i]:
@@ -215,21 +196,20 @@ class PrintedSearch:
             gaits = [trials[i].gaits[k] for k in two]
             if forward < 0:
                 gaits = [self._mirror_gait(candidates[i], candidate, gait) for gait in gaits]
-            promising.append(
-                (
-                    candidate,
-                    Trial(candidate.body, tuple(gaits), self._seed(candidate.number, 1), terrain=ground),
-                )
-            )
-        return walks, promising
+            seed = self._seed(candidate.number, 1)
+            trial = Trial(candidate.body, tuple(gaits), seed, terrain=self.config.terrain)
+            promising.append((candidate, trial))
+        return promising
 
-    def _choose_gaits(self, promising: Sequence[tuple[Candidate, Trial]]) -> list[tuple[Candidate, Gait]]:
+    def _choose_gaits(
+        self,
+        promising: Sequence[tuple[Candidate, Trial]],
+        walks: FloatArray,
+        archive: Archive[Walker],
+        room: int,
+    ) -> list[tuple[Candidate, Gait]]:
         """The robots that may enter the archive, each with the better of its two gaits."""
-        if not promising:
-            return []
-        walks = self.evaluate(compare_gaits, [trial for _, trial in promising], self.config.nominal)
-        elites = [self.archive.incumbent(find_niche(candidate.body)) for candidate, _ in promising]
-        room = self._trial_capacity(_EVALUATED)
+        elites = [archive.incumbent(find_niche(candidate.body)) for candidate, _ in promising]
         best = most_promising(
             walks.max(axis=1),
             np.maximum(elites, 0.0),
@@ -237,64 +217,29 @@ class PrintedSearch:
             round(_TILTED * room),
             room // 2,
         )
-        chosen = [(promising[i][0], promising[i][1].gaits[int(walks[i].argmax())]) for i in best]
-        return self.keep_steady(chosen)[:room]
+        return [(promising[i][0], promising[i][1].gaits[int(walks[i].argmax())]) for i in best]
 
-    def keep_steady(self, chosen: Sequence[tuple[Candidate, Gait]]) -> list[tuple[Candidate, Gait]]:
-        """Those that walk about as far up a slope as down it; all on a terrain, whose slopes matter more than
-        those of a table."""
-        if self.config.terrain is not None:
-            return list(chosen)
-        trials = [Trial(c.body, (gait,), self._seed(c.number, 3)) for c, gait in chosen]
-        walks = self.evaluate(walk_on_slopes, trials, self.config.nominal)
-        steady = (walks.min(axis=1) > 0) & (walks.min(axis=1) >= _MIN_SLOPE_RATIO * walks.max(axis=1))
-        return [pair for pair, ok in zip(chosen, steady, strict=True) if ok]
+    def uncertain(self, archive: Archive[Walker]) -> list[Walker]:
+        """The best elites of each size whose walks are not yet well known."""
+        uncertain = [w for w in archive.ranked() if w.samples < MAX_SAMPLES]
+        return [uncertain[i] for i in in_turn([w.niche.masses for w in uncertain])[:_REEVALUATED]]
 
-    def _evaluate(self, chosen: Sequence[tuple[Candidate, Gait]]) -> list[Walker]:
-        if not chosen:
-            return []
-        walkers = [
-            Walker(c.number, c.parent, self.generation, _with_gait(c, gait), find_niche(c.body))
-            for c, gait in chosen
-        ]
-        return self._with_fresh_samples(walkers)
-
-    def admit(self, walkers: Sequence[Walker]) -> int:
-        """Admit walkers to the archive; returns their number. A robot that would displace an elite is
-        evaluated as often as the elite was, and must stay better: the best of many first estimates is
-        lucky."""
-        admitted = 0
-        while walkers:
-            challengers = [w for w in walkers if self.archive.challenges(w)]
-            entered = [self.archive.offer(w) for w in challengers]
-            admitted += sum(entered)
-            less_known = [w for w, inside in zip(challengers, entered, strict=True) if not inside]
-            walkers = self._with_fresh_samples([w for w in less_known if self.archive.challenges(w)])
-        return admitted
-
-    def _reevaluate_elites(self) -> None:
-        uncertain = [w for w in self.archive.ranked() if len(w.walks) < MAX_SAMPLES]
-        turns = in_turn([w.niche.masses for w in uncertain])[:_REEVALUATED]
-        for walker in self._with_fresh_samples([uncertain[i] for i in turns]):
-            self.archive.update(walker)
-
-    def _with_fresh_samples(self, walkers: Sequence[Walker]) -> list[Walker]:
+    def sample(self, walkers: Sequence[Walker]) -> Course[list[Walker]]:
         """The walkers with eight more samples each."""
         if not walkers:
             return []
-        bodies = [w.genome.body(self.config.lattice) for w in walkers]
-        trials = [
-            Trial(
-                body,
-                (w.genome.gait(body, self.config.timings),),
-                self._seed(w.number, 2),
-                len(w.walks),
-                self.config.terrain,
-            )
-            for w, body in zip(walkers, bodies, strict=True)
-        ]
-        walks = self.evaluate(evaluate_walks, trials, self.config.nominal)
+        c, trials = self.config, []
+        for w in walkers:
+            body = w.genome.body(c.lattice)
+            gait = w.genome.gait(body, c.timings)
+            trials.append(Trial(body, (gait,), self._seed(w.number, 2), w.samples, c.terrain))
+        walks = yield self._batch(evaluate_walks, trials, 0.7, 0.99)
         return [w.with_walks(own) for w, own in zip(walkers, walks, strict=True)]
+
+    def _batch(
+        self, trial: Callable[..., FloatArray], tasks: Sequence[Trial], first: float, last: float
+    ) -> TrialBatch:
+        return TrialBatch(trial, tasks, (first, last), (self.config.nominal,))
 
     def _gait(self, candidate: Candidate) -> Gait:
         return candidate.genome.gait(candidate.body, self.config.timings)
@@ -311,6 +256,12 @@ class PrintedSearch:
         """The gait of the mirror image, whose motors may have another order."""
         as_gene = mirror_genome(self.config.lattice, _with_gait(before, gait))
         return as_gene.gait(after.body, self.config.timings)
+
+
+def is_steady(walks: FloatArray) -> BoolArray:
+    """Which robots walk about as far up a slope as down it, from their walks on both, shape (n, 2)."""
+    steady: BoolArray = (walks.min(axis=1) > 0) & (walks.min(axis=1) >= _MIN_SLOPE_RATIO * walks.max(axis=1))
+    return steady
 
 
 def most_promising(
