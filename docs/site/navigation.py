@@ -11,6 +11,7 @@ _BELOW: dict[str, dict[str, list[str]]] = {
         "How to": [
             "how-to/simulate",
             "how-to/own-loss",
+            "how-to/own-problem",
             "how-to/printer",
             "how-to/board-and-camera",
             "how-to/identify",

@@ -16,6 +16,7 @@ import pytest
 import typer
 
 from eldir.built import walking
+from eldir.evolution.own.registration import GROUP as PROBLEMS
 from eldir_app.application import GROUP, application
 from tests.paths import NODES, PACKAGES, ROOT
 
@@ -156,7 +157,11 @@ def test_every_page_is_listed() -> None:
 
 def test_every_module_that_is_named_is_there() -> None:
     """Dotted names in code, messages, pages and settings. Decision records and the changelog are history."""
-    groups = {GROUP, *tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["entry-points"]}
+    groups = {
+        GROUP,
+        PROBLEMS,
+        *tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["entry-points"],
+    }
     texts = [ROOT / "pyproject.toml", ROOT / "Makefile", NODES / "setup.py", NODES / "setup.cfg"]
     for folder in (*PACKAGES.values(), *(ROOT / n for n in ("ros2_nodes", "examples", "docs", "tests"))):
         texts += [

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import runpy
 import signal
 from collections.abc import Iterable, Iterator
@@ -248,6 +249,20 @@ def test_rows_of_the_example_do_not_depend_on_each_other() -> None:
     assert problem.measures(solutions).tolist() == [problem.measures(s[None])[0].tolist() for s in solutions]
     lines = TALL.read_text().split("class TallRobots")[1].split("if __name__")[0].rstrip().splitlines()
     assert len(lines) <= 60
+
+
+def test_the_page_runs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """All Python of it, block after block; then its class by the run folder."""
+    page = (ROOT / "docs" / "how-to" / "own-problem.md").read_text()
+    names: dict[str, Any] = {}
+    for block in re.findall(r"```python\n(.*?)```", page, re.S):
+        exec(compile(block, "own-problem.md", "exec"), names)
+    printed = capsys.readouterr().out.splitlines()
+    run = ProblemRun.create(tmp_path / "run", names["search"].problem.config)
+    run_generations(run, run.restore(names["Hill"]()), LocalWorkers())
+    best = names["best"](run.path)
+    assert printed[0] == f"{best.niche} {best.fitness} {best.error} {best.vector}"
+    assert best.fitness > 0.9 and best.samples == 16
 
 
 def test_giant_numbers_are_refused() -> None:

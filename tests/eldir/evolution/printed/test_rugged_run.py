@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from eldir.built import samples, screening
 from eldir.built.gait import read_gait
 from eldir.built.gait_search import HeatingLimits, nominal_robots
 from eldir.built.robot import build
@@ -43,8 +44,11 @@ SMALLEST = "evolve --lattice 4x7 --population 2 --generations 0 --iterations 1"
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """On the ground of a file in the paper's size, which is that of `--terrain level` with this seed."""
     path = tmp_path_factory.mktemp("rugged") / "run"
-    result = CliRunner().invoke(application(), [*EVOLVE.split(), "--terrain", "level", "--out", str(path)])
+    file = path.parent / "paper.json"
+    TerrainFile("paper", make_terrain("level", 4)).save(file)
+    result = CliRunner().invoke(application(), [*EVOLVE.split(), "--terrain", str(file), "--out", str(path)])
     assert result.exit_code == 0, result.output
     return path
 
@@ -106,13 +110,16 @@ def test_gaits_are_searched_and_predicted_on_it(run: Path) -> None:
     robots = [build(design.morphology, one).coarse() for one in here.samples(2, 0)]
     own = [walk(r, gait, cycles=1, terrain=design.printed_terrain) for r in robots]
     assert walks.displacement == pytest.approx(own, abs=0.05)  # but for each motor's own springs
-    assert simulate_most_probable(here, [gait], cycles=1) == walk(
-        build(design.morphology, here.robot), gait, cycles=1, terrain=design.printed_terrain
-    )
-    assert simulate_most_probable(here, [gait], cycles=1) != simulate_most_probable(table, [gait], cycles=1)
+    probable = simulate_most_probable(here, [gait], cycles=1, coarse=True)
+    robot = build(design.morphology, here.robot).coarse()
+    assert probable == walk(robot, gait, cycles=1, terrain=design.printed_terrain)
+    assert probable != simulate_most_probable(table, [gait], cycles=1, coarse=True)
 
 
-def test_a_shortlist_ranks_walks_on_it(run: Path) -> None:
+def test_a_shortlist_ranks_walks_on_it(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One cycle of the samples counts, not five."""
+    monkeypatch.setattr(samples, "CYCLES", 1)
+    monkeypatch.setattr(screening, "CYCLES", 1)
     design = load_run(run)[0]
     (there,) = rank([design]).candidates
     (table,) = rank([replace(design, printed_terrain=None)]).candidates
@@ -140,26 +147,34 @@ def rise(candidate: RankedDesign) -> float:
 
 
 def test_a_terrain_file_is_taken_by_both_objectives(tmp_path: Path) -> None:
-    """Each takes a file of the other's size here; the printed robot's own: `test_ground_circle.py`."""
+    """The paper's robot takes a file of the other's size; `run` is the reverse, and the printed robot's own
+    is in `test_ground_circle.py`."""
     ground, scale = Terrain.rugged(np.random.default_rng(1)), BuiltParameters().scale
     assert TerrainFile("paper", ground).lengths_of("paper", scale) == ground
-    TerrainFile("paper", ground).save(tmp_path / "paper.json")
     TerrainFile("printed", ground.scaled(scale)).save(tmp_path / "printed.json")
-
-    def run(evolve: str, file: str) -> Path:
-        given = ["--terrain", str(tmp_path / file), "--out", str(tmp_path / f"from_{file}")]
-        result = CliRunner().invoke(application(), [*evolve.split(), *given])
-        assert result.exit_code == 0, result.output
-        return tmp_path / f"from_{file}"
-
-    own = run(EVOLVE, "paper.json")
-    printed = PrintedRun.open(own).config.terrain
-    assert printed is not None and np.allclose(printed.intercept, scale * ground.intercept, atol=1e-12)
-    other = run(SMALLEST, "printed.json")
-    scene = RunFolder.open(other).config.scene
+    given = ["--terrain", str(tmp_path / "printed.json"), "--out", str(tmp_path / "run")]
+    result = CliRunner().invoke(application(), [*SMALLEST.split(), *given])
+    assert result.exit_code == 0, result.output
+    scene = RunFolder.open(tmp_path / "run").config.scene
     assert scene.contact == "friction" and np.allclose(scene.terrain.x0, ground.x0, atol=1e-12)
-    trained = load_run(other)[0].printed_terrain
+    trained = load_run(tmp_path / "run")[0].printed_terrain
     assert trained is not None and np.allclose(trained.x0, scale * ground.x0, atol=1e-12)
+
+
+def test_a_name_is_the_same_ground_for_both_objectives(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As the command makes the run folder; nothing evolves."""
+    monkeypatch.setattr("eldir_app.evolution_run.run_evolution", lambda *_, **__: None)
+    for name in ("incline", "flat"):
+        for evolve in (EVOLVE, SMALLEST.replace("evolve", "evolve --seed 4")):
+            out = str(tmp_path / f"{name}-{len(evolve)}")
+            result = CliRunner().invoke(application(), [*evolve.split(), "--terrain", name, "--out", out])
+            assert result.exit_code == 0, result.output
+        printed = PrintedRun.open(tmp_path / f"{name}-{len(EVOLVE)}").config.terrain
+        paper = RunFolder.open(Path(out)).config.scene.terrain
+        assert paper == make_terrain(name, 4) and paper.is_flat == (printed is None)
+        assert printed is None or printed == paper.scaled(BuiltParameters().scale)
 
 
 @pytest.mark.parametrize(
