@@ -19,6 +19,7 @@ PRINTS = {
     "fit_stiffness.py": "stiffness: 1.2",
     "gait_by_ribs.py": "cells; the best walks +1.",
     "gradient_check.py": "central difference",
+    "heat_two_springs.py": "all contacts are open by the board's report",
     "own_loss.py": "update 5",
     "own_problem.py": "about 12 masses: 0.2",
     "own_relay_board.py": "contact 2 closed",

@@ -10,6 +10,7 @@ import pytest
 
 import eldir
 import eldir.evolution
+import eldir_hardware
 from eldir.errors import InputError
 from tests.paths import ROOT
 from tests.raised import raises
@@ -31,10 +32,11 @@ def test_the_import_loads_nothing_heavy() -> None:
     assert "taichi" not in loaded(
         "import eldir; eldir.Lattice, eldir.Scene, eldir.learn, eldir.simulate, eldir.evolve"
     )
+    assert not loaded("import eldir_hardware") & heavy
     assert "taichi" not in loaded("import eldir; eldir.built.build, eldir.built.drive, eldir.built.walk")
 
 
-@pytest.mark.parametrize("package", [eldir, eldir.built, eldir.evolution])
+@pytest.mark.parametrize("package", [eldir, eldir.built, eldir.evolution, eldir_hardware])
 def test_every_public_name_is_there_and_lives_in_this_package(package: ModuleType) -> None:
     for name in dir(package):
         value = getattr(package, name)
