@@ -42,6 +42,7 @@ def test_evolve_fills_the_configuration_with_its_own_defaults():
         "device": None,  # where ELDIR_DEVICE says
         "explain": False,
         "objective": "paper",
+        "problem": None,
         "rig": None,
         "lattice": None,  # these three depend on the objective
         "population": None,

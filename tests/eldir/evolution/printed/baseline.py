@@ -17,8 +17,12 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from eldir.built.samples import NominalRobots, sample_walks
+from eldir.evolution.archive import Archive
 from eldir.evolution.printed.configuration import PrintedEvolutionConfig
-from eldir.evolution.printed.problem import Candidate, PrintedSearch
+from eldir.evolution.printed.problem import Candidate, PrintedProblem
+from eldir.evolution.printed.walker import Walker
+from eldir.evolution.problem import evaluate_here
+from eldir.evolution.search import Search
 from eldir_hardware.planning.workshop import make_workshop
 
 GENERATIONS = 10
@@ -29,33 +33,36 @@ Curve = list[tuple[float, float, int]]
 """Processor time [s], expected walk of the best robot and number of elites that walk 1, by generation."""
 
 
-class RandomRobots(PrintedSearch):
+class RandomRobots(PrintedProblem):
     """Random robots in every generation, as in the first one."""
 
-    def _offspring(self, rng: np.random.Generator) -> list[Candidate]:
-        return self.progenitors(rng)
+    def vary(self, archive: Archive[Walker], generation: int, rng: np.random.Generator) -> list[Candidate]:
+        return self.random(generation, rng)
 
 
-def curve(search: PrintedSearch, seconds: float) -> Curve:
+def curve(search: Search[Walker], seconds: float) -> Curve:
     """What a search finds in so much processor time."""
     began = time.process_time()
     found: Curve = []
     while not search.finished and (spent := time.process_time() - began) < seconds:
-        search.step()
+        generation = None
+        while generation is None:
+            batch = search.ask()
+            generation = search.tell(batch, evaluate_here(batch))
         spent, ranked = time.process_time() - began, search.archive.ranked()
         found.append((spent, ranked[0].expected, sum(w.expected > 1 for w in ranked)))
         print(f"    {spent:.0f} s: best {ranked[0].expected:+.2f}, {found[-1][2]} above 1", flush=True)
     return found
 
 
-def fresh(search: PrintedSearch, count: int) -> str:
+def fresh(search: Search[Walker], config: PrintedEvolutionConfig, count: int) -> str:
     """The best robots, with samples that no choice was made by."""
     told = []
     for walker in search.archive.ranked()[:count]:
-        body = walker.genome.body(search.config.lattice)
-        hubs = replace(search.config.nominal, printed=search.config.printed.with_hubs())
+        body = walker.genome.body(config.lattice)
+        hubs = replace(config.nominal, printed=config.printed.with_hubs())
         robots = NominalRobots(body, hubs)
-        (walks,) = sample_walks(robots, [walker.genome.gait(body, search.config.timings)], _FRESH, _SEED)
+        (walks,) = sample_walks(robots, [walker.genome.gait(body, config.timings)], _FRESH, _SEED)
         fell = round(walks.fallen * _FRESH)
         told.append(f"{walks.expected:+.2f} +- {walks.error:.2f}{f' ({fell} fell)' * bool(fell)}")
     return ", ".join(told)
@@ -98,14 +105,12 @@ def main(picture: Path, seeds: list[int]) -> None:
             timings=given.timings,
         )  # fmt: skip
         seconds = np.inf  # evolution goes to its end, random robots as long
-        for kind, search in (
-            ("evolution", PrintedSearch(config, given.rejection_reason)),
-            ("random", RandomRobots(config, given.rejection_reason)),
-        ):
+        for kind, problem in (("evolution", PrintedProblem), ("random", RandomRobots)):
+            search = Search(problem(config, given.rejection_reason))
             print(f"seed {seed}, {kind}")
             curves[kind, seed] = curve(search, seconds)
             seconds = min(seconds, curves[kind, seed][-1][0])
-            print(f"  fresh samples: {fresh(search, 5)}", flush=True)
+            print(f"  fresh samples: {fresh(search, config, 5)}", flush=True)
     drawn(curves).savefig(picture, dpi=100)
 
 
