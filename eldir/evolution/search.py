@@ -35,8 +35,6 @@ class Generation(Generic[S]):
     """All candidates, with what their trials have shown."""
     evaluated: Sequence[S]
     """Solutions that reached the last trial."""
-    admitted: int
-    """Number of solutions that entered the archive."""
     elites: Sequence[S]
     """All elites after it, the best first."""
 
@@ -90,10 +88,10 @@ class Search(Generic[S]):
         else:
             candidates = problem.random(number, rng)
         tried, evaluated = yield from problem.judge(candidates, self.archive)
-        admitted = yield from self.admit(evaluated)
+        yield from self.admit(evaluated)
         for solution in (yield from problem.sample(problem.uncertain(self.archive))):
             self.archive.update(solution)
-        return Generation(number, tried, evaluated, admitted, self.archive.ranked())
+        return Generation(number, tried, evaluated, self.archive.ranked())
 
     def admit(self, solutions: Sequence[S]) -> Course[int]:
         """Admit solutions to the archive; returns their number. One that would displace an elite is evaluated

@@ -27,9 +27,12 @@ from eldir.built.scene import PrintedScene
 from eldir.design import Design
 from eldir.errors import EldirError
 from eldir.evolution.designs import open_run
+from eldir.evolution.own.run_folder import ProblemRun
+from eldir.evolution.own.vectors import ProblemConfig
 from eldir.evolution.paper.configuration import EvolutionConfig
 from eldir.evolution.paper.run_folder import RunFolder
 from eldir.evolution.printed.run_folder import PrintedRun
+from eldir.evolution.status import read_status
 from eldir.lattice import Lattice
 from eldir.terrain import Terrain, TerrainFile
 from eldir.trajectory import Trajectory
@@ -231,6 +234,11 @@ FORMATS: dict[str, Format] = {
     ),
     "run for building": Format(
         _run(lambda p: PrintedRun.create(p, SMALL)), lambda p: open_run(p.parent).config.lattice, _json
+    ),
+    "run of an own problem": Format(
+        _run(lambda p: ProblemRun.create(p, ProblemConfig("hill"))),
+        lambda p: read_status(open_run(p.parent)).summary(),
+        _json,
     ),
     "log": Format(_saved("log.mcap", _log), _read_whole_log),
     "log to recover": Format(_saved("log.mcap", _log), _recover),

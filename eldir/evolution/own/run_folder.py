@@ -24,7 +24,7 @@ from eldir.evolution.run_folder import GenerationsFolder, RunFileHeader
 from eldir.evolution.search import Generation, Search
 from eldir.evolution.status import RunStatus
 
-_NUMBERS = ("number", "parent", "generation", "trials", "fitness", "error")
+_WHOLE, _RATED = ("number", "parent", "generation", "trials"), ("fitness", "error")
 
 
 @record
@@ -80,12 +80,15 @@ class ProblemRun(GenerationsFolder[ProblemConfig, VectorSolution]):
     def read_elites(self, path: Path) -> list[VectorSolution]:
         table = tables.read(path)
         try:
-            numbers = [table[name].to_pylist() for name in _NUMBERS]
+            whole = [map(int, table[name].to_pylist()) for name in _WHOLE]
+            rated = [map(float, table[name].to_pylist()) for name in _RATED]
             lists = [tables.rows(table, name) for name in ("solution", "measures", "objective")]
             return [
-                VectorSolution(number, parent, born, vector, tuple(int(m) for m in niche), objective, *rated)
-                for number, parent, born, *rated, vector, niche, objective in zip(
-                    *numbers, *lists, strict=True
+                VectorSolution(
+                    number, parent, born, vector, tuple(niche.tolist()), samples, trials, fitness, error
+                )
+                for number, parent, born, trials, fitness, error, vector, niche, samples in zip(
+                    *whole, *rated, *lists, strict=True
                 )
             ]
         except (KeyError, ValueError, TypeError, AttributeError) as error:
@@ -110,11 +113,9 @@ class ProblemRun(GenerationsFolder[ProblemConfig, VectorSolution]):
 
 
 def _columns(solutions: Sequence[VectorSolution]) -> dict[str, Any]:
-    def array(name: str) -> np.ndarray:
-        return np.array([getattr(s, name) for s in solutions], float if name in _NUMBERS[4:] else np.int64)
-
     return {
-        **{name: array(name) for name in _NUMBERS},
+        **{name: np.array([getattr(s, name) for s in solutions], np.int64) for name in _WHOLE},
+        **{name: np.array([getattr(s, name) for s in solutions], np.float64) for name in _RATED},
         "solution": tables.lists([s.vector for s in solutions], np.float64),
         "measures": tables.lists([np.array(s.niche) for s in solutions], np.int64),
         "objective": tables.lists([s.objective for s in solutions], np.float64),
