@@ -22,6 +22,8 @@ _PAGE_OF_FORMAT = {
     "plane": "camera",
     "printed-run": "evolving-for-building",
     "printed-status": "evolving-for-building",
+    "problem-run": "how-to/own-problem",
+    "problem-status": "how-to/own-problem",
     "printer": "packet",
     "ranking": "packet",
     "run": "evolution",

@@ -1,9 +1,7 @@
-"""The search: ask for a batch, evaluate it, tell its outcome, generation after generation.
+"""The search: ask for a batch, evaluate it, tell its outcome, until the search is finished.
 
-    search = Search(problem)
-    while not search.finished:
-        batch = search.ask()
-        search.tell(batch, evaluate(batch))
+    batch = search.ask()
+    search.tell(batch, evaluate(batch))
 
 A generation begins with random solutions or with offspring of the archive. Trials of rising cost
 (`Problem.judge`) leave those that may enter the archive. One that would displace an elite that is better

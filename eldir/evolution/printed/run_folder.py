@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 from pydantic import Field, NonNegativeInt
 
-from eldir.core.records import record
+from eldir.core.records import IntArray, record
 from eldir.errors import InputError
 from eldir.evolution import tables
 from eldir.evolution.printed.configuration import PrintedEvolutionConfig
@@ -97,14 +97,9 @@ class PrintedRun(GenerationsFolder[PrintedEvolutionConfig, Walker]):
             "walks": tables.lists([walks.get(c.number, np.zeros(0)) for c in candidates], np.float64),
         }
         elites = generation.elites
-        alive = _columns(elites)
         born = np.array([w.generation for w in elites], np.int64)
-        # In the order of version 0.1.0.
-        alive = {
-            "number": alive.pop("number"), "parent": alive.pop("parent"), "generation": born, **alive,
-            "walks": tables.lists([w.walks for w in elites], np.float64),
-        }  # fmt: skip
-        return tried, alive
+        walks_of_elites = tables.lists([w.walks for w in elites], np.float64)
+        return tried, {**_columns(elites, generation=born), "walks": walks_of_elites}
 
     def read_elites(self, path: Path) -> list[Walker]:
         table, lattice = tables.read(path), self.config.lattice
@@ -168,11 +163,11 @@ class PrintedRun(GenerationsFolder[PrintedEvolutionConfig, Walker]):
         return [PrintedGenome(genotype, phases, int(timing)) for genotype, phases, timing in of]
 
 
-def _columns(robots: Sequence[Candidate] | Sequence[Walker]) -> dict[str, Any]:
-    """Columns with identity and genome."""
+def _columns(robots: Sequence[Candidate] | Sequence[Walker], **further: IntArray) -> dict[str, Any]:
+    """Columns with identity, further ones, and genome."""
     genomes = [r.genome for r in robots]
-    columns: dict[str, Any] = {"number": np.array([r.number for r in robots], np.int64)}
-    columns["parent"] = np.array([r.parent for r in robots], np.int64)
+    number, parent = (np.array([getattr(r, k) for r in robots], np.int64) for k in ("number", "parent"))
+    columns: dict[str, Any] = {"number": number, "parent": parent, **further}
     if not genomes:  # no robot of the generation walked
         return columns | {"triangles": [], "springs": [], "phases": [], "timing": []}
     return {

@@ -85,13 +85,13 @@ class Course(NamedTuple):
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A complete run of two generations, by the command, on one thread."""
+    """A complete run of two generations, by the command, on one thread as `make test` has it."""
 
     def run() -> Path:
         folder = tmp_path_factory.mktemp("runs") / "run"
-        process = start("--out", folder, "--generations", "1", *TINY, threads=1)
-        _, err = process.communicate()
-        assert process.returncode == 0, err
+        words = ["evolve", "--out", str(folder), "--generations", "1", *TINY]
+        result = CliRunner().invoke(application("evolve"), words)
+        assert result.exit_code == 0, result.output
         return folder
 
     return made_once(tmp_path_factory, "printed run", run)
