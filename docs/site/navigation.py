@@ -24,6 +24,7 @@ _BELOW: dict[str, dict[str, list[str]]] = {
             "explanation/physics",
             "explanation/heat",
             "explanation/evidence",
+            "explanation/open-problems",
             "decisions/index",
         ],
         "Reference": [
