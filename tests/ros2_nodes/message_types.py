@@ -1,48 +1,80 @@
-"""Messages for tests without ROS: rosbags' classes, with the defaults that ROS's own ones have."""
+"""Messages for tests without ROS: rosbags' classes under the names that ROS's own ones have.
+
+`provide_modules` makes the modules that the nodes import, such as `sensor_msgs.msg`; fields that are not
+given are zero, empty or false there, as in ROS's classes.
+"""
 
 from __future__ import annotations
 
+import runpy
+import sys
 from functools import cache
-from pathlib import Path
+from importlib.util import find_spec
+from types import ModuleType
 from typing import Any
 
 import numpy as np
 from rosbags.interfaces import Nodetype
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-INTERFACES = Path(__file__).parents[2] / "ros2_nodes" / "eldir_msgs"
+from tests.paths import ROOT
+
+STUBS = ROOT / "ros2_nodes" / "stubs"
 
 
 @cache
 def store() -> Typestore:
     """Jazzy's types and ours."""
-    types = get_typestore(Stores.ROS2_JAZZY)
-    texts = {f"eldir_msgs/msg/{f.stem}": f.read_text() for f in (INTERFACES / "msg").glob("*.msg")}
-    for file in (INTERFACES / "action").glob("*.action"):
-        parts = file.read_text().split("---\n")
-        for name, text in zip(("Goal", "Result", "Feedback"), parts, strict=True):
-            texts[f"eldir_msgs/action/{file.stem}_{name}"] = text
-    added: dict[str, Any] = {}
-    for name, text in texts.items():
-        added |= get_types_from_msg(text, name)
-    types.register(added)
+    types: Typestore = runpy.run_path(str(STUBS / "write_message_stubs.py"))["store"]()
     return types
 
 
-def new_message(name: str, /, **fields: Any) -> Any:
-    """A message of a type; fields not given are zero, empty or false."""
+def provide_modules() -> None:
+    """Make the message packages importable, unless ROS is installed."""
+    if find_spec("rclpy") is not None:
+        return
+    actions: dict[str, Any] = {}
+    for name in store().types:
+        package, kind, short = name.split("/")
+        if kind == "action":
+            action, _, part = short.rpartition("_")
+            module = _module(f"{package}.action")
+            if action not in actions:
+                actions[action] = type(action, (), {})
+                setattr(module, action, actions[action])
+            setattr(actions[action], part, message_class(name))
+        elif kind == "msg":
+            setattr(_module(f"{package}.msg"), short, message_class(name))
+
+
+def _module(name: str) -> ModuleType:
+    package = name.partition(".")[0]
+    for part in (package, name):
+        if part not in sys.modules:
+            sys.modules[part] = ModuleType(part)
+    setattr(sys.modules[package], name.partition(".")[2], sys.modules[name])
+    return sys.modules[name]
+
+
+@cache
+def message_class(name: str) -> Any:
+    """The class of a type, which can be made without its fields."""
+    base = store().types[name]
     _, definitions = store().fielddefs[name]
-    unknown = set(fields) - {n for n, _ in definitions}
-    assert not unknown, f"{name} has no {unknown}"
-    values = {n: _field(kind, fields[n]) if n in fields else _default(kind) for n, kind in definitions}
-    return store().types[name](**values)
+
+    def initialise(self: Any, **fields: Any) -> None:
+        unknown = set(fields) - {n for n, _ in definitions}
+        assert not unknown, f"{name} has no {unknown}"
+        values = {n: _field(kind, fields[n]) if n in fields else _default(kind) for n, kind in definitions}
+        base.__init__(self, **values)
+
+    return type(name.rpartition("/")[2], (base,), {"__init__": initialise, "TYPE": name})
 
 
-def passed(message: Any, name: str) -> Any:
+def passed(message: Any) -> Any:
     """The message as it arrives: written as CDR and read back."""
-    data = store().serialize_cdr(message, name)
-    return store().deserialize_cdr(data, name)
+    data = store().serialize_cdr(message, message.TYPE)
+    return store().deserialize_cdr(data, message.TYPE)
 
 
 def _field(kind: Any, value: Any) -> Any:
@@ -58,7 +90,7 @@ def _field(kind: Any, value: Any) -> Any:
 def _default(kind: Any) -> Any:
     node, detail = kind
     if node == Nodetype.NAME:
-        return new_message(detail)
+        return message_class(detail)()
     if node == Nodetype.BASE:
         return {"string": "", "bool": False}.get(detail[0], 0.0 if detail[0].startswith("float") else 0)
     (element, name), count = detail

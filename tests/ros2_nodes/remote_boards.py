@@ -3,8 +3,9 @@
 import threading
 import time
 
+from eldir_msgs.msg import HeatCommand
+
 from eldir_ros.conversions.board import BoardState
-from eldir_ros.conversions.runs import ABORT, END_OF_RUN
 from eldir_ros.remote.remote_bank import RemoteBank
 
 RUN = "a run"
@@ -37,7 +38,7 @@ class Board:
         if self.deaf:
             return
         self.obeyed = sequence
-        if command in (ABORT, END_OF_RUN) and not self.welded:
+        if command in (HeatCommand.ABORT, HeatCommand.END_OF_RUN) and not self.welded:
             self.closed = ()
 
     def send_pulses(self, delay, lengths, sequence):

@@ -1,30 +1,49 @@
 """Conversions of messages, without ROS: every message goes over the wire as CDR and back."""
 
+import hashlib
 import json
-import subprocess
-import sys
+from dataclasses import replace
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from eldir_msgs.action import RunSchedule
+from eldir_msgs.msg import HeatCommand, Run
 from rosbags.highlevel import AnyReader
 from scipy.spatial.transform import Rotation
+from sensor_msgs.msg import CameraInfo, RegionOfInterest
 
 from eldir.errors import InputError
-from eldir_hardware.camera.plane import CameraPose
+from eldir_hardware.camera.plane import CameraPose, Plane, TagBoard
 from eldir_hardware.images import jpeg
 from eldir_hardware.log.reader import read_log
 from eldir_hardware.log.recorder import Recorder
+from eldir_hardware.markers.registration import DISC_DIAMETER
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.template import virtual_rig
 from eldir_hardware.run.player import ContactEdge
-from eldir_hardware.schedule import ActuationSchedule, Event
-from eldir_ros.conversions import board, frames, header_of, marks, nanoseconds, pictures, robot, runs, time_of
+from eldir_hardware.safety.compatibility import MismatchError, require_compatible, with_digests
+from eldir_hardware.schedule import ActuationSchedule, Event, SchedulePrediction, ScheduleProvenance
+from eldir_ros.conversions import (
+    board,
+    detections,
+    duration_of,
+    frames,
+    header_of,
+    marks,
+    nanoseconds,
+    pictures,
+    reference,
+    robot,
+    runs,
+    schedules,
+    seconds_from,
+    time_of,
+)
 from tests.hardware.camera.lenses import lens_of
-from tests.hardware.rigs_and_schedules import SCHEDULE
-from tests.paths import NODES
+from tests.hardware.rigs_and_schedules import SCHEDULE, rig_with
 from tests.raised import raises
-from tests.ros2_nodes.message_types import new_message, passed, store
+from tests.ros2_nodes.message_types import passed, store
 
 NOW = 1_753_000_000_123_456_789
 
@@ -42,22 +61,14 @@ def picture():
     return rng.integers(0, 256, (48, 64, 3), dtype=np.uint8)
 
 
-def test_what_runs_without_ros_imports_no_ros():
-    modules = "conversions.board conversions.marks conversions.pictures conversions.runs remote.heartbeats"
-    modules += " remote.remote_bank remote.schedule_run"
-    names = ", ".join(f"eldir_ros.{m}" for m in modules.split())
-    code = f"import sys, {names}; sys.exit(any(m.split('.')[0] == 'rclpy' for m in sys.modules))"
-    assert subprocess.run([sys.executable, "-c", code], cwd=NODES, check=False).returncode == 0
-
-
 def test_a_stamp_comes_back_to_the_nanosecond():
     for stamp in (0, 1, 999_999_999, 1_000_000_000, NOW):
-        assert nanoseconds(passed(time_of(new_message, stamp), "builtin_interfaces/msg/Time")) == stamp
-    assert header_of(new_message, NOW, "ground").frame_id == "ground"
+        assert nanoseconds(passed(time_of(stamp))) == stamp
+    assert header_of(NOW, "ground").frame_id == "ground"
 
 
 def test_a_raw_picture_comes_back_in_every_encoding(picture):
-    message = passed(pictures.raw_of(new_message, NOW, picture), "sensor_msgs/msg/Image")
+    message = passed(pictures.raw_of(NOW, picture))
     assert (message.encoding, message.step, message.header.frame_id) == ("bgr8", 192, "camera_optical_frame")
     np.testing.assert_array_equal(pictures.picture_from(message), picture)
     message.encoding = "rgb8"
@@ -72,33 +83,30 @@ def test_a_raw_picture_comes_back_in_every_encoding(picture):
 
 def test_a_compressed_picture_keeps_its_bytes(picture):
     data = jpeg.encode(picture).tobytes()
-    message = passed(pictures.compressed_of(new_message, NOW, data), "sensor_msgs/msg/CompressedImage")
+    message = passed(pictures.compressed_of(NOW, data))
     assert message.data.tobytes() == data and "jpeg" in message.format
     np.testing.assert_array_equal(pictures.picture_from(message), jpeg.decode(np.frombuffer(data, np.uint8)))
-    info = passed(pictures.info_of(new_message, NOW, 64, 48), "sensor_msgs/msg/CameraInfo")
+    info = passed(pictures.info_of(NOW, 64, 48))
     assert (info.width, info.height, info.k[0]) == (64, 48, 0)
 
 
 def test_camera_info_tells_the_lens():
     lens = lens_of((64, 48), [70, 71], [31, 24], [-0.2, 0.05, 0.001, -0.002, 0])
-    sent = pictures.info_of(new_message, NOW, 64, 48, lens)
-    info = passed(sent, "sensor_msgs/msg/CameraInfo")
+    sent = pictures.info_of(NOW, 64, 48, lens)
+    info = passed(sent)
     assert (info.header.frame_id, info.distortion_model) == ("camera_optical_frame", "plumb_bob")
     assert info.k.tolist() == [70, 0, 31, 0, 71, 24, 0, 0, 1]
     assert info.d.tolist() == lens.distortion.tolist()
     with raises(InputError, "camera.other-size", match="64 x 48 pixels; found 640 x 480"):
-        pictures.info_of(new_message, NOW, 640, 480, lens)
+        pictures.info_of(NOW, 640, 480, lens)
 
 
 def test_a_drivers_camera_info_is_recorded_as_it_came(tmp_path, picture):
     """Of a model that we do not have, binned, and of a part of the sensor."""
     told = {"height": 48, "width": 64, "distortion_model": "rational_polynomial", "binning_x": 2}
     told |= {"d": np.arange(8.0), "k": np.arange(1.0, 10.0), "r": np.eye(3).ravel(), "p": np.arange(12.0)}
-    told |= {
-        "binning_y": 2,
-        "roi": new_message("sensor_msgs/msg/RegionOfInterest", x_offset=4, do_rectify=True),
-    }
-    sent = passed(new_message("sensor_msgs/msg/CameraInfo", **told), "sensor_msgs/msg/CameraInfo")
+    told |= {"binning_y": 2, "roi": RegionOfInterest(x_offset=4, do_rectify=True)}
+    sent = passed(CameraInfo(**told))
     with Recorder(tmp_path / "a.mcap") as log:
         log.on_camera_info(0.0, pictures.info_from(sent))
         log.on_frame(0.1, picture)
@@ -128,31 +136,29 @@ def test_a_report_of_the_board_comes_back(rig):
         (3.25, 0.0, 0.0, 0.0),
         (3.0, 0.0, 0.0, 0.0),
     )
-    message = passed(board.states_of(new_message, state), "eldir_msgs/msg/BoardState")
+    message = passed(board.states_of(state))
     assert board.state_from(message) == state
     message.closed = message.closed[:3]
     with pytest.raises(ValueError, match="one value for each contact"):
         board.state_from(message)
-    stop = passed(board.stop_of(new_message, NOW, "pressed"), "eldir_msgs/msg/EmergencyStop")
+    stop = passed(board.stop_of(NOW, "pressed"))
     assert stop.stopped and stop.reason == "pressed"
-    assert not board.stop_of(new_message, NOW, None).stopped
+    assert not board.stop_of(NOW, None).stopped
 
 
 def test_marks_are_metres_in_the_ground_frame_with_z_up():
     places = np.array([[0.125, 0.03], [np.nan, np.nan]])
-    message = passed(
-        marks.markers_of(new_message, NOW, ("m1", "m2"), places), "visualization_msgs/msg/MarkerArray"
-    )
+    message = passed(marks.markers_of(NOW, ("m1", "m2"), places))
     first = message.markers[0]
     assert (first.header.frame_id, first.pose.position.y) == ("ground", 0.0)
     assert (first.pose.position.x, first.pose.position.z) == (0.125, 0.03)
     stamp, names, back = marks.tracks_from(message)
     assert (stamp, names) == (NOW, ("m1", "m2"))
     np.testing.assert_array_equal(back, places)
-    point = marks.point_of(new_message, NOW, places[0]).point
+    point = marks.point_of(NOW, places[0]).point
     assert (point.x, point.y, point.z) == (0.125, 0.0, 0.03)
     masses = np.random.default_rng(1).normal(size=(20, 2))
-    poses = passed(marks.poses_of(new_message, NOW, masses), "geometry_msgs/msg/PoseArray")
+    poses = passed(marks.poses_of(NOW, masses))
     np.testing.assert_array_equal(marks.positions_from(poses), masses)
 
 
@@ -161,8 +167,8 @@ def test_the_frames_lead_from_the_ground_to_what_a_pixel_sees():
     turned = Rotation.from_euler("z", 30, degrees=True).as_matrix()
     looking = np.column_stack([[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]])  # along y of the ground
     pose = CameraPose(np.array([0.1, -0.8, 0.2]), turned @ looking)
-    sent = frames.camera_frames_of(new_message, NOW, pose, "a/ground", "a/camera", "a/optical")
-    body, optical = passed(sent, "tf2_msgs/msg/TFMessage").transforms
+    sent = frames.camera_frames_of(NOW, pose, "a/ground", "a/camera", "a/optical")
+    body, optical = passed(sent).transforms
     assert (body.header.frame_id, body.child_frame_id) == ("a/ground", "a/camera")
     assert (optical.header.frame_id, optical.child_frame_id) == ("a/camera", "a/optical")
 
@@ -211,9 +217,9 @@ def test_description_joints_and_frames_of_the_robot_agree():
     text = robot.urdf_text("robot", {hub: f"file:///hub_{hub}.stl" for hub in range(4)}, 0.0243)
     origins = [o.get("xyz") for o in ElementTree.fromstring(text).iter("origin")]
     assert origins == ["0 0.0243 0"] * 4, "the joints move in the plane of the marks, on the robot's front"
-    joints = passed(robot.joints_of(new_message, NOW, places, angles), "sensor_msgs/msg/JointState")
+    joints = passed(robot.joints_of(NOW, places, angles))
     told = by_the_description(text, dict(zip(joints.name, joints.position.tolist(), strict=True)))
-    sent = passed(robot.frames_of(new_message, NOW, places, angles, "a/ground"), "tf2_msgs/msg/TFMessage")
+    sent = passed(robot.frames_of(NOW, places, angles, "a/ground"))
     found = chained(sent.transforms, "a/ground")
     assert {f"a/{link}" for link in told} == set(found)
     for link, (turn, place) in told.items():
@@ -228,8 +234,8 @@ def test_description_joints_and_frames_of_the_robot_agree():
 def test_springs_are_lines_between_the_hubs():
     places = np.array([(0.0, 0.0), (0.1, 0.0), (0.0, 0.2)])
     springs, active = np.array([(0, 1), (1, 2)]), np.array([False, True])
-    sent = robot.springs_of(new_message, NOW, places, springs, active, (0.004, 0.045), "ground")
-    strips, coils = passed(sent, "visualization_msgs/msg/MarkerArray").markers
+    sent = robot.springs_of(NOW, places, springs, active, (0.004, 0.045), "ground")
+    strips, coils = passed(sent).markers
     assert (strips.ns, coils.ns, strips.type) == ("strips", "coils", strips.LINE_LIST)
     assert [(p.x, p.y, p.z) for p in coils.points] == [
         (0.1, 0.004, 0.0), (0.0, 0.004, 0.2), (0.1, 0.045, 0.0), (0.0, 0.045, 0.2)
@@ -237,75 +243,158 @@ def test_springs_are_lines_between_the_hubs():
 
 
 def test_an_edge_comes_back():
-    sent = runs.edge_of(new_message, ContactEdge(0.5, 1, True))
-    message = passed(sent, "eldir_msgs/msg/Edge")
-    assert (message.elapsed, message.channel, message.closed) == (0.5, 1, True)
+    sent = runs.edge_of(ContactEdge(0.5, 1, True))
+    message = passed(sent)
+    assert (seconds_from(message.elapsed), message.channel, message.closed) == (0.5, 1, True)
 
 
-def test_the_commands_are_those_of_the_message():
-    message = new_message("eldir_msgs/msg/HeatCommand")
-    for name in ("KEEPALIVE", "PULSES", "ABORT", "END_OF_RUN"):
-        assert getattr(runs, name) == getattr(message, name)
+def test_outcomes_are_those_of_the_message():
+    result = RunSchedule.Result
+    assert (runs.FINISHED, runs.REFUSED, runs.STOPPED) == (result.FINISHED, result.REFUSED, result.STOPPED)
+    assert 0 not in (HeatCommand.KEEPALIVE, HeatCommand.PULSES, Run.RUNNING), "an empty message says nothing"
 
 
 def test_pulses_come_back_with_their_delay():
-    sent = runs.pulses_of(new_message, "a", 3, 0.25, {2: 0.7, 4: 1.5})
-    message = passed(sent, "eldir_msgs/msg/HeatCommand")
+    sent = runs.pulses_of("a", 3, 0.25, {2: 0.7, 4: 1.5})
+    message = passed(sent)
     assert message.command == message.PULSES and (message.run, message.sequence) == ("a", 3)
     assert runs.pulses_from(message) == (0.25, {2: 0.7, 4: 1.5})
 
 
-@pytest.mark.parametrize(
-    ("delay", "seconds"), [(1.1, 1.0), (-0.6, 1.0), (np.nan, 1.0), (0.3, 0.0), (0.3, -1.0), (0.3, np.inf)]
-)
+@pytest.mark.parametrize(("delay", "seconds"), [(1.1, 1.0), (-0.6, 1.0), (0.3, 0.0), (0.3, -1.0)])
 def test_what_is_no_duration_is_no_command(delay, seconds):
-    message = runs.pulses_of(new_message, "a", 1, delay, {1: seconds})
+    message = runs.pulses_of("a", 1, delay, {1: seconds})
     with pytest.raises(ValueError, match=r"its delay|invalid durations"):
         runs.pulses_from(message)
 
 
-def schedule():
-    return ActuationSchedule(
+def test_a_schedule_travels_as_fields():
+    origin = {"eldir": "0.2.0", "seed": 3, "rig": "a rig", "design": "design.json"}
+    plain = ActuationSchedule(
         20.0,
-        events=(Event(0.0, 0, "front", 1, True), Event(2.0, 0, "front", 1, False)),
+        events=(Event(0.0, 0, "front", 1, True), Event(2.001, 0, "front", 1, False)),
         cycles=3,
+        settle_s=3.3,
+        springs=(7,),
+    )
+    made = with_digests(replace(plain, provenance=ScheduleProvenance(**origin)), rig_with())
+    for sent in (plain, made):
+        found = schedules.schedule_from(passed(schedules.schedule_of(sent)))
+        assert found == sent, "to the last digit, with the digest of itself"
+    found = schedules.without_predictions(replace(made, predicted=SchedulePrediction(peak_c=61.0)))
+    assert require_compatible(made, rig_with(), None) is None and found.predicted == SchedulePrediction()
+
+
+def test_a_schedule_that_was_edited_is_told_from_one_of_eldir_gait():
+    """In its file, or in the fields of its message."""
+    rig = rig_with()
+    made = with_digests(replace(SCHEDULE, springs=(7, 9)), rig)
+    assert require_compatible(schedules.schedule_from(schedules.schedule_of(made)), rig, None) is None
+    with_predictions = with_digests(
+        replace(SCHEDULE, springs=(7, 9), predicted=SchedulePrediction(peak_c=61.0)), rig
+    )
+    kept = schedules.schedule_from(passed(schedules.schedule_of(with_predictions)))
+    assert require_compatible(kept, rig, None) is None, "predictions stay at home"
+    in_file = schedules.schedule_of(replace(made, cycles=made.cycles + 1))
+    in_message = schedules.schedule_of(made)
+    in_message.cycles += 1
+    for message in (in_file, in_message):
+        with raises(MismatchError, "schedule.made-for-another", match="it was edited after eldir gait"):
+            require_compatible(schedules.schedule_from(passed(message)), rig, None)
+
+
+def test_the_digest_of_a_plan_is_the_one_that_the_message_defines():
+    """With the text as ScheduleOrigin.msg says it, so that a foreign client can make it."""
+    plan = ActuationSchedule(
+        20.0,
+        events=(Event(0.0, 0, "front", 1, True), Event(2.5, 0, "front", 1, False)),
+        cycles=3,
+        conditioning_cycles=1,
         settle_s=3.0,
+        springs=(7,),
     )
+    text = "20000000000 3 1 3000000000 7\n0 0 0 1 1\n2500000000 0 0 1 0"
+    assert schedules.plan_digest(schedules.schedule_of(plan)) == hashlib.sha256(text.encode()).hexdigest()
 
 
-def test_a_schedule_travels_as_the_text_of_its_file():
-    text = json.dumps(schedule().to_json())
-    goal = passed(
-        new_message("eldir_msgs/action/RunSchedule_Goal", schedule=text), "eldir_msgs/action/RunSchedule_Goal"
-    )
-    assert runs.schedule_from(goal.schedule) == schedule()
+def test_what_is_no_schedule_is_refused():
+    text = json.dumps(SCHEDULE.to_json())
+    assert schedules.read_schedule(text) == SCHEDULE
     for wrong in ("", "[]", '{"format": "eldir-rig/1"}', text.replace("period_s", "period")):
         with pytest.raises(InputError):
-            runs.schedule_from(wrong)
+            schedules.read_schedule(wrong)
+    message = schedules.schedule_of(SCHEDULE)
+    message.events[0].face = 3
+    with pytest.raises(InputError, match=r"expected FRONT, BACK or BOTH; found \[3\]"):
+        schedules.schedule_from(message)
+    with pytest.raises(InputError, match="period_s"):
+        schedules.schedule_from(RunSchedule.Goal().schedule)
 
 
-def goal(**fields):
-    name = "eldir_msgs/action/RunSchedule_Goal"
-    return passed(new_message(name, **fields), name)
+@pytest.mark.parametrize(
+    ("elapsed", "phase", "cycle"),
+    [
+        (-0.1, "ARMING", 0),
+        (1.0, "SETTLING", 0),
+        (3.0, "CONDITIONING", 1),
+        (23.0, "COUNTING", 1),
+        (99.0, "COUNTING", 3),
+    ],
+)
+def test_the_phase_of_a_run_is_no_number_of_a_cycle(elapsed, phase, cycle):
+    plan = ActuationSchedule(20.0, events=(), cycles=3, conditioning_cycles=1, settle_s=3.0)
+    assert runs.phase_of(plan, elapsed) == (getattr(RunSchedule.Feedback, phase), cycle)
 
 
-def test_a_schedule_travels_as_fields_or_as_text_and_not_as_both():
-    plan, text = runs.plan_of(new_message, schedule()), json.dumps(schedule().to_json())
-    assert (
-        runs.schedule_from_goal(goal(plan=plan)) == runs.schedule_from_goal(goal(schedule=text)) == schedule()
+def test_durations_come_back_to_the_digit():
+    for seconds in (0.0, 3.4, 0.1, -0.25, -1.5, 1e-9, 119.999, 1234.567891):
+        assert seconds_from(passed(duration_of(seconds))) == seconds
+    for wrong in (np.nan, np.inf):
+        with pytest.raises((ValueError, OverflowError)):
+            duration_of(wrong)
+
+
+def test_tags_and_plane_of_motion_come_back():
+    board_ = TagBoard.at(
+        np.array([[0.0, -0.07], [0.4, -0.07], [0.0, 0.4], [0.4, 0.4]]), dictionary="DICT_4X4_100"
     )
-    for fields, found in (({}, "neither"), ({"plan": plan, "schedule": text}, "both")):
-        with pytest.raises(InputError, match=f"must contain one schedule.* found {found}"):
-            runs.schedule_from_goal(goal(**fields))
-    plan.events[0].face = "side"
-    with pytest.raises(InputError, match=r"invalid \S*face"):
-        runs.schedule_from_goal(goal(plan=plan))
+    assert reference.tags_from(passed(reference.tags_of(board_, "left/ground"))) == board_
+    rng = np.random.default_rng(2)
+    made = {"tags": [0, 1, 3], "pictures": 10, "board": board_.to_json(), "source": "live pictures"}
+    made |= {"eldir": "0.2.0", "first_picture_ns": NOW, "remark": "a tag is small"}
+    for provenance in ({}, made, {"source": "film", "made": "2026-05-01", "expires": "2026-06-01"}):
+        plane = Plane(
+            640,
+            480,
+            rng.normal(size=(3, 3)),
+            np.array([320.5, 240.0]),
+            np.array([0.01, -0.02]),
+            0.2,
+            provenance,
+        )
+        found = reference.plane_from(passed(reference.plane_of(plane, "left/ground")))
+        assert found.to_json() == plane.to_json()
+    assert nanoseconds(reference.plane_of(replace(plane, provenance=made)).header.stamp) == NOW
+
+
+def test_detections_are_where_the_markers_are_in_the_picture():
+    h = np.array([[2.0, 0.1, -0.3], [0.0, -2.0, 0.4], [0.05, 0.0, 1.0]])
+    plane = Plane(640, 480, h, np.array([319.5, 239.5]), np.zeros(2), 0.1)
+    places = np.array([[0.1, 0.2], [np.nan, np.nan], [0.3, 0.05]])
+    found = passed(detections.detections_of(NOW, ("m1", "m2", "m3"), places, plane, "camera_optical_frame"))
+    assert [d.id for d in found.detections] == ["m1", "m3"], "m2 was not tracked"
+    for one, place in zip(found.detections, places[[0, 2]], strict=True):
+        (result,), centre = one.results, one.bbox.center.position
+        assert result.hypothesis.class_id == one.id
+        np.testing.assert_allclose(plane.to_metres(np.array([centre.x, centre.y])), place, atol=1e-9)
+        edge = plane.to_metres(np.array([centre.x + one.bbox.size_x / 2, centre.y]))
+        assert np.linalg.norm(edge - place) == pytest.approx(DISC_DIAMETER / 2, rel=0.1)
 
 
 def test_ranges_of_motion_have_a_value_for_each_marker():
     ranges = {"predicted": np.array([0.01, 0.02]), "tracked": np.array([0.011, 0.019])}
-    sent = runs.ranges_of(new_message, NOW, 2, ("m1", "m2"), ranges, 0.1)
-    message = passed(sent, "eldir_msgs/msg/RangeOfMotion")
+    sent = runs.ranges_of(NOW, 2, ("m1", "m2"), ranges, 0.1)
+    message = passed(sent)
     assert (message.cycle, message.markers, message.displacement) == (2, ["m1", "m2"], 0.1)
     assert message.predicted.tolist() == [0.01, 0.02] and message.tracked.tolist() == [0.011, 0.019]
     assert message.simulated.tolist() == [], "not known"
@@ -334,16 +423,14 @@ def test_a_log_recorded_from_messages_has_the_bytes_of_one_recorded_directly(rig
             state = board.BoardState(
                 stamp(t), 0.0, "a", 1, True, options[0], closed, options[1], heat, 90.0, 0.0
             )
-            state = board.state_from(passed(board.states_of(new_message, state), "eldir_msgs/msg/BoardState"))
+            state = board.state_from(passed(board.states_of(state)))
             at = (state.stamp - NOW) * 1e-9
             log.on_relays(at, state.closed)
             log.on_temperatures(at, state.temperatures)
-            sent = pictures.compressed_of(new_message, stamp(t), jpeg.encode(picture).tobytes())
-            seen = passed(sent, "sensor_msgs/msg/CompressedImage")
+            sent = pictures.compressed_of(stamp(t), jpeg.encode(picture).tobytes())
+            seen = passed(sent)
             log.on_picture((nanoseconds(seen.header.stamp) - NOW) * 1e-9, seen.data, 64, 48)
-            array = passed(
-                marks.markers_of(new_message, stamp(t), names, places), "visualization_msgs/msg/MarkerArray"
-            )
+            array = passed(marks.markers_of(stamp(t), names, places))
             at_ns, found, where = marks.tracks_from(array)
             log.on_tracks((at_ns - NOW) * 1e-9, found, where)
     assert (tmp_path / "direct.mcap").read_bytes() == (tmp_path / "graph.mcap").read_bytes()
@@ -359,10 +446,10 @@ def test_the_boards_values_on_the_graph_are_the_logs_messages(rig, tmp_path):
         log.on_temperatures(0.0, (22.5, 61.0, 22.0, 23.0))
         log.on_currents(0.0, (3.25, 0.0, 0.0, 3.0), (3.0, 0.0, 0.0, 2.9))
     sent = {
-        "/relays": board.values_of(new_message, NOW, names[0], (True, False, False, True)),
-        "/currents": board.values_of(new_message, NOW, names[1], (3.25, 0.0, 0.0, 3.0)),
-        "/voltages": board.values_of(new_message, NOW, names[1], (3.0, 0.0, 0.0, 2.9)),
-        "/springs/spring0_back/temperature": board.temperature_of(new_message, NOW, 61.0),
+        "/relays": board.contacts_of(NOW, names[0], (True, False, False, True)),
+        "/currents": board.currents_of(NOW, names[1], (3.25, 0.0, 0.0, 3.0)),
+        "/voltages": board.voltages_of(NOW, names[1], (3.0, 0.0, 0.0, 2.9)),
+        "/springs/spring0_back/temperature": board.temperature_of(NOW, 61.0),
     }
     with AnyReader([tmp_path / "a.mcap"]) as reader:
         kept = {c.topic: (c.msgtype, bytes(raw)) for c, _, raw in reader.messages()}
@@ -373,6 +460,6 @@ def test_the_boards_values_on_the_graph_are_the_logs_messages(rig, tmp_path):
 
 def test_what_was_measured_of_the_air_goes_with_the_run():
     for room in (None, 21.4375):
-        sent = runs.run_of(new_message, runs.RUNNING, "a", NOW, SCHEDULE, "", room)
-        assert runs.room_of(passed(sent, "eldir_msgs/msg/Run")) == room
+        sent = runs.run_of(Run.RUNNING, "a", NOW, SCHEDULE, "", room)
+        assert runs.room_of(passed(sent)) == room
     assert runs.room_from(None) is None and runs.room_from(21) == 21.0

@@ -4,12 +4,12 @@ import threading
 import time
 
 import pytest
+from eldir_msgs.msg import HeatCommand
 
 from eldir.errors import EldirError
 from eldir_hardware.relay.errors import NotProvenOffError
 from eldir_hardware.safety.stop_signals import StoppedError
 from eldir_ros.conversions import runs
-from eldir_ros.conversions.runs import ABORT, END_OF_RUN, KEEPALIVE
 from eldir_ros.remote.heartbeats import Heartbeats
 from eldir_ros.remote.remote_bank import InterruptedRunError, ObeyedCommands
 from tests.ros2_nodes.remote_boards import Board
@@ -31,7 +31,7 @@ def test_a_run_beats_reports_and_ends_proven_off(board):
     with board.bank.armed():
         board.bank.heat(time.monotonic() + 0.1, {1: 0.2})
         rest(board, 0.3, reports.append)
-    assert board.commands.count(KEEPALIVE) >= 3 and board.commands[-1] == END_OF_RUN
+    assert board.commands.count(HeatCommand.KEEPALIVE) >= 3 and board.commands[-1] == HeatCommand.END_OF_RUN
     assert any(r.closed == (True, False) for r in reports)
     assert reports[-1].closed == (False, False), "who watches sees the end"
     assert abs(reports[-1].t - time.monotonic()) < 1.0, "on the monotonic clock"
@@ -56,7 +56,11 @@ def test_whatever_ends_a_run_in_mid_heating_opens_everything_at_once(board, end,
         threading.Timer(0.2, act).start()
         rest(board, 5.0)
     assert failure.value.outcome == outcome
-    assert ABORT in board.commands and board.commands[-1] == END_OF_RUN and board.closed == ()
+    assert (
+        HeatCommand.ABORT in board.commands
+        and board.commands[-1] == HeatCommand.END_OF_RUN
+        and board.closed == ()
+    )
     assert time.monotonic() - ended[0] < 0.5
 
 
@@ -183,7 +187,7 @@ def test_a_run_waits_a_moment_for_a_node_that_is_late_and_no_longer(board):
     assert board.commands == []
     threading.Timer(0.3, lambda: setattr(board, "missing", ())).start()
     board.bank.arm()
-    assert board.commands == [KEEPALIVE]
+    assert board.commands == [HeatCommand.KEEPALIVE]
 
 
 def test_nodes_fall_silent_leave_or_are_absent():

@@ -5,11 +5,14 @@ import threading
 import time
 
 import pytest
+from eldir_msgs.action import RunSchedule
+from eldir_msgs.msg import Run
 
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.safety.compatibility import with_digests
 from eldir_hardware.schedule import ActuationSchedule, Event
 from eldir_ros.conversions import runs
+from eldir_ros.conversions.schedules import read_schedule
 from eldir_ros.remote.schedule_run import RunRequest, ScheduleRun
 from tests.hardware.emulated_rigs import rig_values, wait
 from tests.hardware.rigs_and_schedules import rig_with
@@ -68,7 +71,7 @@ def board():
 
 def play(board, text=TEXT, rig=RIG, lead=0.5, stopped="", accept="", client="tester", notes=None, room=None):
     notes = notes or Notes()
-    request = RunRequest(lambda: runs.schedule_from(text), client, lead, accept, lambda: runs.room_from(room))
+    request = RunRequest(lambda: read_schedule(text), client, lead, accept, lambda: runs.room_from(room))
     return ScheduleRun(board.bank, notes, time.time_ns).play(request, rig, stopped), notes
 
 
@@ -120,13 +123,15 @@ def test_a_schedule_is_played_to_its_end(board):
     assert (result.outcome, result.message, result.all_off) == (runs.FINISHED, "played to the end", True)
     assert begun + 0.4e9 < result.start_ns < time.time_ns() - SCHEDULE.duration * 1e9
     assert result.duration == pytest.approx(SCHEDULE.duration, abs=0.5)
-    assert [s[0] for s in notes.states] == [runs.RUNNING, runs.RUN_FINISHED]
+    assert [s[0] for s in notes.states] == [Run.RUNNING, Run.FINISHED]
     assert {s[1] for s in notes.states} == {result.start_ns}
     assert len(board.pulses) == 2 and set(board.pulses[0]) == {1}
     # The fake board never opens by itself: it closes at the first pulse, and opens at the end.
     assert [(e.channel, e.closed) for e in result.edges] == [(1, True), (1, False)]
-    assert notes.progress[0].edge.channel == 0 and notes.progress[0].closed == ()
-    assert {p.cycle for p in notes.progress} >= {0, 1, 2}
+    assert notes.progress[0].edge is None and notes.progress[0].closed == ()
+    phases = RunSchedule.Feedback
+    wanted = {(phases.ARMING, 0), (phases.SETTLING, 0), (phases.COUNTING, 1), (phases.COUNTING, 2)}
+    assert {(p.phase, p.cycle) for p in notes.progress} == wanted
     assert any(p.closed == (1,) and p.edge[1:] == (1, True) for p in notes.progress)
 
 
@@ -163,7 +168,7 @@ def test_a_run_that_is_ended_says_how(board, act, outcome):
     striking.join()
     assert result.outcome == outcome and result.all_off
     assert result.duration < SCHEDULE.duration
-    assert [s[0] for s in notes.states] == [runs.RUNNING, runs.RUN_ENDED]
+    assert [s[0] for s in notes.states] == [Run.RUNNING, Run.ENDED]
     assert notes.states[-1][2] == notes.messages[-1] == result.message
     assert board.closed == ()
 
@@ -192,13 +197,11 @@ def test_a_fault_of_the_program_itself_ends_a_run_with_everything_off(board):
     result, notes = play(board, notes=Broken())
     assert (result.outcome, result.message) == (runs.STOPPED, "RecursionError: too deep")
     assert result.all_off and board.closed == () and result.duration < SCHEDULE.duration
-    assert notes.states[-1][0] == runs.RUN_ENDED
+    assert notes.states[-1][0] == Run.ENDED
 
 
 def test_an_empty_result_is_no_success():
-    from tests.ros2_nodes.message_types import new_message
-
-    result = new_message("eldir_msgs/action/RunSchedule_Result")
+    result = RunSchedule.Result()
     assert result.outcome == result.UNKNOWN and result.outcome != runs.FINISHED
     for name in ("FINISHED", "CANCELLED", "PREEMPTED", "STOPPED", "REFUSED"):
         assert getattr(result, name) == getattr(runs, name)

@@ -110,12 +110,14 @@ class RunView:
             self.pictures.append((t, logged.place))
             self.picture = (t, message.data.tobytes())
         elif topic == m.RELAYS:
-            closed = [int(p > 0.5) for p in message.position]
+            closed = [int(value > 0.5) for value in m.read_values(message).values()]
             contacts = self.curves["contacts"]
             if not contacts.rows or contacts.rows[-1][1:] != closed:
                 contacts.add([t, *closed])
         elif topic == m.CURRENTS:
-            self.curves["currents"].add([t, *(_number(p, 3) for p in message.position)])
+            self.curves["currents"].add(
+                [t, *(_number(value, 3) for value in m.read_values(message).values())]
+            )
         elif topic == m.STATUS:
             for status in message.status:
                 self._add_event(t, status)

@@ -51,7 +51,7 @@ def render_film(log: RunLog, plane: Plane, filmed: Motion, body: PredictedBody) 
     ground = ground_in_film(filmed, body)
     start = None if ground is None else _start_offset(filmed, body)
     offset = np.array([_forward_offset(filmed, body, begin), 0.0]) if start is None else start
-    bodies = [plane.to_pixels(_positions_at(body, t) + offset) for t, _ in pictures]
+    bodies = [plane.to_pixels(positions_at(body, t) + offset) for t, _ in pictures]
     markers = plane.to_pixels(filmed.trajectory.positions.reshape(-1, 2))
     crop = _crop(np.concatenate([*bodies, markers]), plane.size)
     line = None if ground is None else plane.to_pixels(ground)
@@ -82,7 +82,7 @@ def ground_in_film(filmed: Motion, body: PredictedBody) -> FloatArray | None:
 
 
 def _start_offset(filmed: Motion, body: PredictedBody) -> FloatArray | None:
-    markers = _positions_at(body, SETTLED_S)[body.marker_masses]
+    markers = positions_at(body, SETTLED_S)[body.marker_masses]
     return start_offset(filmed.trajectory.times, filmed.trajectory.positions, markers)
 
 
@@ -90,11 +90,11 @@ def _forward_offset(filmed: Motion, body: PredictedBody, t: float) -> float:
     """How far the filmed markers are before the predicted ones at `t` [m]."""
     path = filmed.trajectory
     seen = np.array([np.interp(t, path.times, path.positions[:, k, 0]) for k in range(len(path.names))])
-    offsets = seen - _positions_at(body, t)[body.marker_masses[: len(path.names)], 0]
+    offsets = seen - positions_at(body, t)[body.marker_masses[: len(path.names)], 0]
     return float(np.nanmean(offsets)) if np.isfinite(offsets).any() else 0.0
 
 
-def _positions_at(body: PredictedBody, t: float) -> FloatArray:
+def positions_at(body: PredictedBody, t: float) -> FloatArray:
     """Places of all masses at `t` [s], the nearest instant's."""
     return body.positions[int(np.abs(body.times - t).argmin())]
 

@@ -23,7 +23,7 @@ from eldir.errors import EldirError, divergence_error
 from eldir.parameters.springs import SpringParameters
 from eldir.rollout import simulate_one
 from eldir.trajectory import Trajectory
-from eldir_calibration.comparison.film import PredictedBody
+from eldir_calibration.comparison.film import PredictedBody, positions_at
 from eldir_calibration.comparison.recorded_run import RecordedRun
 from eldir_calibration.report.comparison import Motion
 from eldir_calibration.report.controls import sample_other_robots
@@ -107,11 +107,25 @@ def predict_motions(design: Design, schedule: ActuationSchedule, rig: Rig) -> di
 
     Takes seconds. Raises `EldirError` where the simulation fails.
     """
+    return predict_live(design, schedule, rig).motions
+
+
+class LivePrediction(NamedTuple):
+    """The prediction for a run that begins."""
+
+    motions: dict[str, Motion]
+    """The motions of the markers, as `predict_motions`."""
+    body: PredictedBody
+    """The motion of all masses of the predicted robot."""
+
+
+def predict_live(design: Design, schedule: ActuationSchedule, rig: Rig) -> LivePrediction:
+    """The motions of `predict_motions`, and the whole predicted robot. Raises as it does."""
     run = RecordedRun(design, schedule, rig)
-    (predicted,), _ = _simulate([_prepare_run(run, None)])
+    (predicted,), body = _simulate([_prepare_run(run, None)])
     if predicted is None:
         raise divergence_error("the predicted motion")
-    return {"simulated": simulate_evolved(run), "predicted": predicted}
+    return LivePrediction({"simulated": simulate_evolved(run), "predicted": predicted}, body)
 
 
 def predict_body(run: RecordedRun, scene: PrintedScene | None = None) -> PredictedBody:
@@ -274,8 +288,8 @@ class LiveRangeOfMotion:
     """Ranges of motion of one run, from the markers as they arrive."""
 
     def __init__(self, design: Design, schedule: ActuationSchedule):
-        self.predictions: dict[str, Motion] = {}
-        """The motions without a camera, by kind; set it to the result of `predict_motions`."""
+        self.prediction: LivePrediction | None = None
+        """The motions without a camera; set it when they are known."""
         self._body_length = build(design.morphology).body_length
         self._schedule = schedule
         self._times: list[float] = []
@@ -303,6 +317,7 @@ class LiveRangeOfMotion:
     def _latest(self, names: tuple[str, ...]) -> CycleRanges | None:
         begin = self._schedule.start_of_cycles + (self._cycle - 1) * self._schedule.period_s
         trajectory = Trajectory(names, np.array(self._times), np.array(self._positions))
+        motions = {} if self.prediction is None else self.prediction.motions
         try:
             tracked = Motion(trajectory, begin, self._schedule.period_s, 1, self._body_length)
             # The simulated motion has other cycles than the schedule: its last one counts.
@@ -310,8 +325,21 @@ class LiveRangeOfMotion:
                 kind: motion.vertical_ranges()[
                     -1 if kind == "simulated" else min(self._cycle, motion.cycles) - 1
                 ]
-                for kind, motion in {**self.predictions, "tracked": tracked}.items()
+                for kind, motion in {**motions, "tracked": tracked}.items()
             }
             return CycleRanges(self._cycle, ranges, tracked.displacement() / CYCLES)
         except EldirError:  # the positions do not cover the cycle
             return None
+
+    def predicted_masses(self, t: float) -> FloatArray | None:
+        """Positions (M, 2) [m] of all masses of the predicted robot at `t` [s since the schedule's start].
+
+        It is moved forward to where the markers were first seen. None where there is no prediction."""
+        if self.prediction is None or not self._times or not 0 <= t <= self._schedule.duration:
+            return None
+        body, first = self.prediction.body, self._positions[0]
+        begin = positions_at(body, self._times[0])[body.marker_masses[: len(first)]]
+        ahead = first[:, 0] - begin[:, 0]
+        if not np.isfinite(ahead).any():
+            return None
+        return positions_at(body, t) + np.array([float(np.nanmean(ahead)), 0.0])

@@ -1,16 +1,18 @@
 """Topics of a log: their ROS 2 types, definitions and quality of service.
 
-Only standard types are used, so that any ROS 2 tool shows a log without our packages.
+Only types of ROS's own packages and of ros2_control are used, so that any ROS 2 tool shows a log without our
+packages.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
 import numpy as np
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from eldir.core.yaml_files import dump_yaml
@@ -42,6 +44,15 @@ RELAYS = "/relays"
 CURRENTS = "/currents"
 VOLTAGES = "/voltages"
 STATUS = "/diagnostics"
+CLOSED, CURRENT, VOLTAGE = "closed", "current", "voltage"
+"""Interfaces in the messages of `RELAYS` (1 is closed), `CURRENTS` [A] and `VOLTAGES` [V]."""
+
+_CONTROL_TYPES = {
+    "control_msgs/msg/InterfaceValue": "string[] interface_names\nfloat64[] values\n",
+    "control_msgs/msg/DynamicJointState": "std_msgs/Header header\nstring[] joint_names\n"
+    "control_msgs/InterfaceValue[] interface_values\n",
+}
+"""Types of ros2_control, which Jazzy's own packages do not contain."""
 
 
 def marker_topic(name: str) -> str:
@@ -56,8 +67,11 @@ def spring_topic(name: str) -> str:
 
 @cache
 def typestore() -> Typestore:
-    """Messages of ROS 2 Jazzy."""
-    return get_typestore(Stores.ROS2_JAZZY)
+    """Messages of ROS 2 Jazzy, and those of ros2_control that a log has."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    for name, text in _CONTROL_TYPES.items():
+        store.register(get_types_from_msg(text, name))
+    return store
 
 
 @dataclass(frozen=True)
@@ -111,7 +125,7 @@ MESSAGE_TYPES = {
     "camera_info": MessageType("sensor_msgs/msg/CameraInfo", latched=True),
     "point": MessageType("geometry_msgs/msg/PointStamped"),
     "markers": MessageType("visualization_msgs/msg/MarkerArray"),
-    "values": MessageType("sensor_msgs/msg/JointState"),
+    "values": MessageType("control_msgs/msg/DynamicJointState"),
     "temperature": MessageType("sensor_msgs/msg/Temperature"),
     "status": MessageType("diagnostic_msgs/msg/DiagnosticArray", latched=True),
 }
@@ -132,6 +146,28 @@ def make_header(nanoseconds: int, frame_id: str = "") -> Any:
     seconds, rest = divmod(nanoseconds, 1_000_000_000)
     time = make_ros_message("builtin_interfaces/msg/Time", sec=seconds, nanosec=rest)
     return make_ros_message("std_msgs/msg/Header", stamp=time, frame_id=frame_id)
+
+
+def make_values(nanoseconds: int, names: Sequence[str], interface: str, values: Iterable[float]) -> Any:
+    """A control_msgs/DynamicJointState with one number for each name."""
+    pairs = [
+        make_ros_message(
+            "control_msgs/msg/InterfaceValue", interface_names=[interface], values=np.array([v], np.float64)
+        )
+        for v in values
+    ]
+    return make_message(
+        "values", header=make_header(nanoseconds), joint_names=list(names), interface_values=pairs
+    )
+
+
+def read_values(message: Any) -> dict[str, float]:
+    """The number of each name in a message of `RELAYS`, `CURRENTS` or `VOLTAGES`; logs of version 0.1.0 have
+    sensor_msgs/JointState there."""
+    if hasattr(message, "position"):
+        return dict(zip(message.name, message.position.tolist(), strict=True))
+    values = (float(pair.values[0]) for pair in message.interface_values)
+    return dict(zip(message.joint_names, values, strict=True))
 
 
 def calibration_fields(lens: Lens | None) -> dict[str, Any]:

@@ -155,9 +155,10 @@ def _times(messages: _Messages, epoch: int) -> FloatArray:
 
 
 def _relays(messages: _Messages, epoch: int) -> dict[str, Any]:
-    channels = tuple(messages[0][1].name) if messages else ()
-    positions = np.array([message.position for _, message in messages], float)
-    states = positions.reshape(len(messages), len(channels)) > 0.5
+    rows = [m.read_values(message) for _, message in messages]
+    channels = tuple(rows[0]) if rows else ()
+    values = np.array([[row[name] for name in channels] for row in rows], float)
+    states = values.reshape(len(messages), len(channels)) > 0.5
     return {"channels": channels, "relay_times": _times(messages, epoch), "relays": states}
 
 
@@ -179,7 +180,7 @@ def _values(rows: _Messages, names: tuple[str, ...]) -> FloatArray:
     """One row for each message, in the order of `names`; NaN for a name that it does not have."""
     if not rows:
         return np.zeros((0, 0))
-    table = [dict(zip(message.name, message.position, strict=True)) for _, message in rows]
+    table = [m.read_values(message) for _, message in rows]
     return np.array([[row.get(name, np.nan) for name in names] for row in table], float)
 
 

@@ -85,7 +85,7 @@ class Recorder(GrowingLog):
     def on_relays(self, t: float, states: Sequence[bool]) -> None:
         """The board's report of its contacts: 1 is closed."""
         names = self._channels or tuple(f"contact{i}" for i in range(len(states)))
-        self._write_values(m.RELAYS, t, names, states)
+        self._write_values(m.RELAYS, m.CLOSED, t, names, states)
         self._flush()
 
     def on_temperatures(self, t: float, celsius: Sequence[float]) -> None:
@@ -100,8 +100,8 @@ class Recorder(GrowingLog):
     def on_currents(self, t: float, amperes: Sequence[float], volts: Sequence[float]) -> None:
         """Measured current [A] and voltage [V] of every spring; NaN where it is not measured."""
         names = self._springs or tuple(f"spring{i}" for i in range(len(amperes)))
-        self._write_values(m.CURRENTS, t, names, amperes)
-        self._write_values(m.VOLTAGES, t, names, volts)
+        self._write_values(m.CURRENTS, m.CURRENT, t, names, amperes)
+        self._write_values(m.VOLTAGES, m.VOLTAGE, t, names, volts)
 
     def on_status(
         self, t: float, name: str, message: str, values: Mapping[str, object] | None = None, good: bool = True
@@ -130,18 +130,11 @@ class Recorder(GrowingLog):
         """The camera gave no picture for `seconds` [s]."""
         self.on_status(t, "camera", f"no frame for {seconds:.1f} s", good=False)
 
-    def _write_values(self, topic: str, t: float, names: Sequence[str], values: Sequence[float]) -> None:
+    def _write_values(
+        self, topic: str, interface: str, t: float, names: Sequence[str], values: Sequence[float]
+    ) -> None:
         """One number for each name."""
-        nothing = np.zeros(0)
-        message = m.make_message(
-            "values",
-            header=self._header(t),
-            name=list(names),
-            position=np.array(values, np.float64),
-            velocity=nothing,
-            effort=nothing,
-        )
-        self._write(topic, "values", t, message)
+        self._write(topic, "values", t, m.make_values(self._to_ns(t), names, interface, values))
 
     def _header(self, t: float, frame_id: str = "") -> Any:
         return m.make_header(self._to_ns(t), frame_id)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -246,8 +245,8 @@ class RobotCamera:
         robot, terrain = build(design.morphology), lay_on_table(design)
         positions = place(robot, terrain)[:2].T
         self._camera = _render_camera(rig, entry, positions, _ANY_WALK, terrain)
-        self.tags = json.dumps(self._camera.board.to_json())
-        """The reference tags around the robot, as the JSON of their file."""
+        self.board = self._camera.board
+        """The reference tags around the robot."""
 
     @property
     def lens(self) -> Lens:

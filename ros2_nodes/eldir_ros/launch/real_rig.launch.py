@@ -7,57 +7,57 @@
 ros2 launch eldir_ros real_rig.launch.py rig:=rig.yaml design:=design.json tags:=tags.json
 """
 
-from launch.actions import DeclareLaunchArgument, OpaqueFunction
-from launch.substitutions import LaunchConfiguration
+from launch.actions import DeclareLaunchArgument
+from launch.substitutions import IfElseSubstitution, LaunchConfiguration, NotEqualsSubstitution
+from launch_ros.parameter_descriptions import ParameterValue
 
 from eldir_ros.programs import launching
 from eldir_ros.remote.graph_check import OBSERVERS
 from launch import LaunchDescription
 
 
-def _setup(context, *args, **kwargs):
-    def value(name):
-        return LaunchConfiguration(name).perform(context)
-
-    external = value("camera") == "external"
-    required = tuple(n for n in OBSERVERS if not (external and n == "camera"))
-    values = launching.parameters(
-        value("rig"),
-        value("design"),
-        value("logs"),
-        autostart=value("autostart") == "true",
-        required=required,
-    )
-    del values["virtual_bench"]
-    if value("model") == "false":
-        del values["robot_model"]
-    if external:
-        del values["camera"]
-    else:
-        values["camera"] |= {"source": value("camera"), "lens": value("lens")}
-    values["mass_tracker"] |= {"tags": value("tags"), "plane": value("plane")}
-    values["mcap_recorder"] |= {"tags": value("tags"), "plane": value("plane"), "lens": value("lens")}
-    return launching.nodes(values, value("composed") == "true", launching.Graph.of(context))
-
-
 def generate_launch_description():
-    needed = (
-        ("rig", "Rig file of the real rig."),
-        ("design", "Design file of the robot on it."),
-    )
-    arguments = (
-        (
-            "camera",
-            "external",
-            "external: a driver publishes the pictures; or a name such as camera:0.",
+    arguments = [
+        DeclareLaunchArgument("rig", description="Rig file of the real rig."),
+        DeclareLaunchArgument("design", description="Design file of the robot on it."),
+        *launching.arguments(
+            (
+                "camera",
+                "external",
+                "external: a driver publishes the pictures; or a name such as camera:0.",
+            ),
+            ("tags", "", "File with the positions of the reference tags."),
+            ("plane", "", "File of a calibrated plane, instead of tags."),
+            ("lens", "", "Lens file of the camera, from eldir calibrate camera."),
+            ("logs", ".", "Folder for the logs."),
+            ("autostart", "false", "true: configure and activate all nodes at once, which arms the rig."),
+            *launching.RIG,
         ),
-        ("tags", "", "File with the positions of the reference tags."),
-        ("plane", "", "File of a calibrated plane, instead of tags."),
-        ("lens", "", "Lens file of the camera, from eldir calibrate camera."),
-        ("logs", ".", "Folder for the logs."),
-        ("composed", "false", "true: all nodes in one process."),
-        ("autostart", "false", "true: configure and activate all nodes at once, which arms the rig."),
-    )
-    declared = [DeclareLaunchArgument(n, description=t) for n, t in needed]
-    declared += [launching.argument(*a) for a in (*arguments, launching.MODEL, *launching.SHARED)]
-    return LaunchDescription([*declared, OpaqueFunction(function=_setup)])
+        launching.view_argument(),
+    ]
+    own_camera = NotEqualsSubstitution(LaunchConfiguration("camera"), "external")
+    observers = [n for n in OBSERVERS if n != "camera"]
+    required = IfElseSubstitution(own_camera, str(list(OBSERVERS)), str(observers))
+    common = {
+        "rig": launching.text("rig"),
+        "design": launching.text("design"),
+        "autostart": launching.flag("autostart"),
+        "reliable_pictures": ParameterValue(own_camera, value_type=bool),
+        "tags": launching.text("tags"),
+        "plane": launching.text("plane"),
+        "lens": launching.text("lens"),
+    }
+    values = {
+        "relay_board": common,
+        "actuation_sequencer": {
+            **common,
+            "required_nodes": ParameterValue(required, value_type=list[str]),
+        },
+        "camera": {**common, "source": launching.text("camera")},
+        "mass_tracker": common,
+        "mcap_recorder": {**common, "folder": launching.text("logs")},
+        "range_of_motion": common,
+        "robot_model": common,
+    }
+    optional = {"camera": own_camera, "robot_model": launching.with_model()}
+    return LaunchDescription([*arguments, *launching.rig_nodes(values, optional), *launching.viewers()])

@@ -7,34 +7,34 @@
 ros2 launch eldir_ros replay.launch.py log:=run.mcap [speed:=2.0]
 """
 
-from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.actions import DeclareLaunchArgument
 from launch.substitutions import LaunchConfiguration
+from launch_ros.parameter_descriptions import ParameterValue
 
 from eldir_ros.programs import launching
 from launch import LaunchDescription
 
 
-def _setup(context, *args, **kwargs):
-    def value(name):
-        return LaunchConfiguration(name).perform(context)
-
+def generate_launch_description():
+    arguments = [
+        DeclareLaunchArgument("log", description="Log of a run (.mcap)."),
+        *launching.arguments(
+            ("speed", "1.0", "Playback speed: 2 is twice as fast as filmed."),
+            ("wait_for", "", "More nodes to wait for, separated by commas."),
+            ("composed", "false", "true: all nodes in one process."),
+        ),
+    ]
+    waiting = ParameterValue(
+        ["[mass_tracker, range_of_motion, ", LaunchConfiguration("wait_for"), "]"], value_type=list[str]
+    )
     values = {
         "camera": {
-            "source": value("log"),
-            "speed": launching.number("speed", value("speed")),
-            "wait_for": ["mass_tracker", *value("wait_for").split(",")],
+            "source": launching.text("log"),
+            "speed": launching.number("speed"),
+            "wait_for": waiting,
             "autostart": True,
         },
-        "mass_tracker": {"log": value("log"), "autostart": True, "reliable_pictures": True},
+        "mass_tracker": {"log": launching.text("log"), "autostart": True, "reliable_pictures": True},
+        "range_of_motion": {"log": launching.text("log"), "autostart": True},
     }
-    return launching.nodes(values, composed=False, graph=launching.Graph.of(context))
-
-
-def generate_launch_description():
-    declared = [
-        DeclareLaunchArgument("log", description="Log of a run (.mcap)."),
-        launching.argument("speed", "1.0", "Playback speed: 2 is twice as fast as filmed."),
-        launching.argument("wait_for", "", "More nodes to wait for, separated by commas."),
-        *(launching.argument(*a) for a in launching.SHARED),
-    ]
-    return LaunchDescription([*declared, OpaqueFunction(function=_setup)])
+    return LaunchDescription([*arguments, *launching.rig_nodes(values)])

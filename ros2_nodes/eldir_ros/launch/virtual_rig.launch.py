@@ -10,48 +10,61 @@ ros2 launch eldir_ros virtual_rig.launch.py [folder:=demo] [logs:=DIR] [composed
 import tempfile
 from pathlib import Path
 
-from launch.actions import OpaqueFunction
-from launch.substitutions import LaunchConfiguration
+from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
+from launch_ros.parameter_descriptions import ParameterValue
 
 from eldir_ros.programs import launching
 from eldir_ros.remote.graph_check import OBSERVERS
 from launch import LaunchDescription
 
 
-def _setup(context, *args, **kwargs):
-    def value(name):
-        return LaunchConfiguration(name).perform(context)
-
-    folder = Path(value("folder") or launching.example())
-    port = value("port") or str(Path(tempfile.mkdtemp(prefix="eldir-")) / "board")
-    values = launching.parameters(
-        str(folder / "rig.yaml"),
-        str(folder / "design.json"),
-        value("logs"),
-        port=port,
-        autostart=value("autostart") == "true",
-        required=OBSERVERS,
-    )
-    values["virtual_bench"]["trace"] = value("trace")
-    if value("model") == "false":
-        del values["robot_model"]
-    graph = launching.Graph.of(context)
-    started = launching.nodes(values, value("composed") == "true", graph)
-    if value("run") == "true":
-        started += launching.run(value("schedule") or str(folder / "schedule.json"), OBSERVERS, graph)
-    return started
-
-
 def generate_launch_description():
-    arguments = (
-        ("folder", "", "Folder with rig.yaml, design.json and schedule.json, as `eldir demo` writes it."),
-        ("schedule", "", "Schedule file. Default: schedule.json in the folder."),
+    folder = LaunchConfiguration("folder")
+    port = str(Path(tempfile.mkdtemp(prefix="eldir-")) / "board")
+    arguments = launching.arguments(
+        (
+            "folder",
+            launching.shared_file("config"),
+            "Folder with rig.yaml, design.json and schedule.json, as `eldir demo` writes it.",
+        ),
+        (
+            "schedule",
+            PathJoinSubstitution([folder, "schedule.json"]),
+            "Schedule file. Default: schedule.json in the folder.",
+        ),
         ("logs", ".", "Folder for the logs."),
-        ("port", "", "Symbolic link to create to the emulated board's port."),
+        ("port", port, "Symbolic link to create to the emulated board's port."),
         ("trace", "", "File for the times when the emulated contacts closed and opened."),
-        ("composed", "false", "true: all nodes in one process."),
         ("autostart", "true", "true: configure and activate all nodes."),
         ("run", "true", "true: play the schedule, then end."),
+        *launching.RIG,
     )
-    declared = [launching.argument(*a) for a in (*arguments, launching.MODEL, *launching.SHARED)]
-    return LaunchDescription([*declared, OpaqueFunction(function=_setup)])
+    robot = {
+        "rig": ParameterValue(PathJoinSubstitution([folder, "rig.yaml"]), value_type=str),
+        "design": ParameterValue(PathJoinSubstitution([folder, "design.json"]), value_type=str),
+    }
+    own = {"autostart": launching.flag("autostart"), "reliable_pictures": True}
+    values = {
+        "relay_board": {**robot, **own, "port": launching.text("port")},
+        "actuation_sequencer": {**robot, **own, "required_nodes": list(OBSERVERS)},
+        "camera": {**robot, **own},
+        "mass_tracker": {**robot, **own},
+        "mcap_recorder": {
+            **robot,
+            **own,
+            "folder": launching.text("logs"),
+            "schedule": launching.text("schedule"),
+        },
+        "range_of_motion": {**robot, **own},
+        "virtual_bench": {**robot, "port": launching.text("port"), "trace": launching.text("trace")},
+        "robot_model": {**robot, **own},
+    }
+    return LaunchDescription(
+        [
+            *arguments,
+            launching.view_argument(),
+            *launching.rig_nodes(values, {"robot_model": launching.with_model()}),
+            *launching.viewers(),
+            *launching.run(LaunchConfiguration("schedule"), OBSERVERS),
+        ]
+    )

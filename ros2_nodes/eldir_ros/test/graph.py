@@ -19,19 +19,19 @@ from typing import Any
 
 import rclpy
 from ament_index_python.packages import get_package_prefix
-from diagnostic_msgs.msg import DiagnosticArray, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray
 from eldir_msgs.action import RunSchedule
-from eldir_msgs.msg import EmergencyStop
+from eldir_msgs.msg import EmergencyStop, Heartbeat
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from rclpy.action import ActionClient
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from schedules import CONFIG
-from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from eldir_ros.base.interfaces import COMPLETE, LATCHED
+from eldir_ros.base.qualities import COMPLETE, LATCHED
+from eldir_ros.conversions.schedules import read_schedule, schedule_of
 from eldir_ros.remote.graph_check import HEATING, OBSERVERS
 from eldir_ros.remote.heartbeats import PERIOD
 
@@ -104,12 +104,12 @@ class Graph:
         """Messages of the emergency stop, the latest last."""
         self.node.create_subscription(EmergencyStop, "emergency_stop", self.stops.append, LATCHED)
         self._states: dict[str, str] = {}
-        hear = lambda m: self._states.update({m.key: m.value})  # noqa: E731
-        self.node.create_subscription(KeyValue, "alive", hear, COMPLETE)
+        hear = lambda m: self._states.update({m.name: m.state.label})  # noqa: E731
+        self.node.create_subscription(Heartbeat, "alive", hear, COMPLETE)
         self._action = ActionClient(self.node, RunSchedule, "run_schedule")
         self.beating = True
         """Whether the heartbeats of the goals' client are sent."""
-        self._alive = self.node.create_publisher(String, "run_schedule/alive", COMPLETE)
+        self._alive = self.node.create_publisher(Heartbeat, "run_schedule/alive", COMPLETE)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
         self._left = threading.Event()
@@ -144,7 +144,7 @@ class Graph:
         """In a thread of their own: what else the tester hears must not delay them."""
         while not self._left.wait(PERIOD):
             if self.beating:
-                self._alive.publish(String(data="tester"))
+                self._alive.publish(Heartbeat(name="tester"))
 
     def start(self, name: str, *arguments: str, **parameters: object) -> subprocess.Popen[bytes]:
         """Start a node in a process of its own."""
@@ -154,7 +154,7 @@ class Graph:
             "port": self.folder / "board",
             "trace": self.folder / "trace.jsonl",
             "folder": self.folder,
-            "lead": 0.5,
+            "lead_s": 0.5,
             "use_sim_time": name in self._simulated,
             "reliable_pictures": True,
             "required_nodes": json.dumps([*self.required, ""]),
@@ -219,7 +219,7 @@ class Graph:
 
     def send(self, schedule: dict[str, Any]) -> Any:
         """Send a schedule; its goal handle."""
-        return self.order(RunSchedule.Goal(schedule=json.dumps(schedule), client="tester"))
+        return self.order(RunSchedule.Goal(schedule=message_of(schedule), client="tester"))
 
     def order(self, goal: Any) -> Any:
         """Send a goal; its handle."""
@@ -262,6 +262,11 @@ class Graph:
     def _wait(self, future: Any, patience: float) -> Any:
         wait_until(future.done, patience)
         return future.result()
+
+
+def message_of(schedule: dict[str, Any]) -> Any:
+    """The message of a schedule file's content."""
+    return schedule_of(read_schedule(json.dumps(schedule)))
 
 
 def wait_until(condition: Any, patience: float) -> None:

@@ -18,11 +18,9 @@ pytest.importorskip("eldir_msgs", reason="needs the package eldir_msgs, built by
 
 from ament_index_python.packages import get_package_prefix  # noqa: E402
 from eldir_msgs.action import RunSchedule  # noqa: E402
-from graph import Graph, wait_until  # noqa: E402
+from graph import Graph, message_of, wait_until  # noqa: E402
 from schedules import LONG, SHORT  # noqa: E402
 
-from eldir_hardware.schedule import ActuationSchedule  # noqa: E402
-from eldir_ros.base.interfaces import new_message  # noqa: E402
 from eldir_ros.conversions import runs  # noqa: E402
 
 HEATING = ("relay_board", "actuation_sequencer")
@@ -87,30 +85,35 @@ def test_a_client_of_any_kind_must_send_heartbeats(graph):
 
 
 def test_a_goal_without_a_client_or_of_nonsense_is_refused(graph):
-    for text, client, why in (
-        (json.dumps(SHORT), "", "names no client"),
-        ("[" * 100_000, "tester", "more than 64 levels"),
-        ('{"a":' * 100_000, "tester", "levels"),
-        (" " * (2 << 20), "tester", "too large"),
+    no_period, on_no_face = message_of(SHORT), message_of(SHORT)
+    no_period.period.sec, no_period.period.nanosec = 0, 0
+    on_no_face.events[0].face = 7
+    for schedule, client, why in (
+        (message_of(SHORT), "", "names no client"),
+        (no_period, "tester", "period_s"),
+        (on_no_face, "tester", "an event of the schedule is on no face"),
+        (RunSchedule.Goal().schedule, "tester", "period_s"),
     ):
-        sent = graph.order(RunSchedule.Goal(schedule=text, client=client))
+        sent = graph.order(RunSchedule.Goal(schedule=schedule, client=client))
         result = graph.result(sent)
         assert (result.outcome, result.all_off) == (runs.REFUSED, True) and why in result.message
     assert graph.edges() == []
     assert graph.result(graph.send(SHORT)).outcome == runs.FINISHED
 
 
-def test_a_goal_as_fields_has_no_digests_and_needs_a_reason(graph):
-    plan = runs.plan_of(new_message, ActuationSchedule.from_json(SHORT))
-    refused = graph.result(graph.order(RunSchedule.Goal(plan=plan, client="tester")))
+def test_a_schedule_without_digests_needs_a_reason(graph):
+    by_hand = message_of(SHORT | {"provenance": {}})
+    refused = graph.result(graph.order(RunSchedule.Goal(schedule=by_hand, client="tester")))
     assert refused.outcome == runs.REFUSED and "it lacks the digests" in refused.message
-    both = graph.result(graph.order(RunSchedule.Goal(plan=plan, schedule=json.dumps(SHORT), client="tester")))
-    assert both.outcome == runs.REFUSED and "found both" in both.message and graph.edges() == []
+    edited = message_of(SHORT)
+    edited.cycles += 1
+    refused = graph.result(graph.order(RunSchedule.Goal(schedule=edited, client="tester")))
+    assert refused.outcome == runs.REFUSED and "it was edited" in refused.message and graph.edges() == []
     graph.processes["actuation_sequencer"].terminate()
     graph.processes["actuation_sequencer"].wait(20)
     graph.start("actuation_sequencer", accept_mismatch="a plan of our own")
     assert graph.configure("actuation_sequencer") and graph.activate("actuation_sequencer")
-    played = graph.result(graph.order(RunSchedule.Goal(plan=plan, client="tester")))
+    played = graph.result(graph.order(RunSchedule.Goal(schedule=by_hand, client="tester")))
     assert played.outcome == runs.FINISHED and len(graph.edges()) == 4, played.message
 
 

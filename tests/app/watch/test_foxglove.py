@@ -30,7 +30,7 @@ def test_a_viewer_sees_the_topics_of_the_run_that_goes_on(tmp_path):
                     channels[channel["topic"]] = channel
             relays = channels[m.RELAYS]
             assert (relays["encoding"], relays["schemaEncoding"]) == ("cdr", "ros2msg")
-            assert relays["schemaName"] == "sensor_msgs/msg/JointState"
+            assert relays["schemaName"] == "control_msgs/msg/DynamicJointState"
             wanted = [{"id": 7, "channelId": relays["id"]}]
             viewer.send(json.dumps({"op": "subscribe", "subscriptions": wanted}))
             while isinstance(told := viewer.recv(10), str):
@@ -38,7 +38,7 @@ def test_a_viewer_sees_the_topics_of_the_run_that_goes_on(tmp_path):
             kind, subscription, stamp = _MESSAGE.unpack_from(told)
             assert (kind, subscription) == (1, 7) and abs(time.time_ns() - stamp) < 2e9
             report = m.typestore().deserialize_cdr(told[_MESSAGE.size :], relays["schemaName"])
-            assert report.name[0] == "channel1" and len(report.position) == 4
+            assert report.joint_names[0] == "channel1" and len(report.interface_values) == 4
 
 
 def test_a_port_that_is_taken_is_told():

@@ -6,7 +6,8 @@ import pytest
 from eldir.built.robot import build
 from eldir.lattice import Lattice
 from eldir.trajectory import Trajectory
-from eldir_calibration.comparison.predictions import LiveRangeOfMotion
+from eldir_calibration.comparison.film import PredictedBody
+from eldir_calibration.comparison.predictions import LivePrediction, LiveRangeOfMotion
 from eldir_calibration.report.comparison import Motion
 from eldir_hardware.schedule import ActuationSchedule, Event
 from tests.eldir.random_design import make_design
@@ -22,6 +23,10 @@ SCHEDULE = ActuationSchedule(
 TIMES = np.arange(0, SCHEDULE.duration + 0.5, 0.05)
 HEIGHTS = 0.01 * np.sin(np.pi * TIMES)[:, None] * [1.0, 2.0] * (1 + 0.1 * TIMES[:, None])
 POSITIONS = np.stack([0.02 * TIMES[:, None] + [0.0, 0.05], 0.1 + HEIGHTS], axis=-1)
+BODY = PredictedBody(
+    TIMES, np.concatenate([POSITIONS, POSITIONS + 0.5], axis=1), np.zeros((0, 2), int), np.array([1, 0])
+)
+"""Four masses; the marked ones are its second and its first."""
 
 
 @pytest.fixture(scope="module")
@@ -48,13 +53,25 @@ def test_predictions_appear_when_they_are_known_cycle_by_cycle(design):
     told = []
     for t, p in zip(TIMES.tolist(), POSITIONS, strict=True):
         if t > 6.0:
-            live.predictions.update(simulated=predicted, predicted=predicted)
+            live.prediction = LivePrediction({"simulated": predicted, "predicted": predicted}, BODY)
         if (ranges := live.update(t, NAMES, p)) is not None:
             told.append(ranges.ranges)
     assert [set(r) for r in told] == [{"tracked"}] + [{"simulated", "predicted", "tracked"}] * 2
     ranges = predicted.vertical_ranges()
     np.testing.assert_array_equal(told[1]["predicted"], ranges[1])
     np.testing.assert_array_equal(told[1]["simulated"], ranges[2])
+
+
+def test_the_predicted_robot_begins_where_the_filmed_one_stands(design):
+    """Forward; its height is that of the simulation."""
+    live = LiveRangeOfMotion(design, SCHEDULE)
+    live.update(0.5, NAMES, POSITIONS[10] + [0.3, 0.007])
+    assert live.predicted_masses(1.0) is None, "it is not known yet"
+    live.prediction = LivePrediction({}, BODY)
+    live.update(1.0, NAMES, POSITIONS[20])
+    moved = live.predicted_masses(1.0) - BODY.positions[20]
+    np.testing.assert_allclose(moved, np.broadcast_to([0.3, 0.0], (4, 2)), atol=1e-12)
+    assert live.predicted_masses(-0.1) is None and live.predicted_masses(SCHEDULE.duration + 0.1) is None
 
 
 def test_late_repeated_and_early_positions_change_nothing(design):

@@ -12,7 +12,7 @@ from eldir_calibration.comparison.film import (
     MAX_PICTURES,
     MAX_SIZE,
     PredictedBody,
-    _positions_at,
+    positions_at,
     render_film,
 )
 from eldir_calibration.report.comparison import Motion
@@ -62,7 +62,7 @@ def orange(picture: np.ndarray) -> np.ndarray:
 )
 def test_a_picture_shows_the_predicted_body_of_the_nearest_instant(t, row):
     body = PredictedBody(TIMES, places(0.006), SPRINGS, np.array([0, 2]))
-    assert np.array_equal(_positions_at(body, t), body.positions[row])
+    assert np.array_equal(positions_at(body, t), body.positions[row])
 
 
 def test_the_predicted_body_starts_where_the_robot_is_and_walks_by_itself(tmp_path):

@@ -67,7 +67,7 @@ def test_currents_come_back_from_a_log(tmp_path):
         assert log.voltages[on, column] == pytest.approx(limit * 0.987, rel=0.06)
     with AnyReader([path]) as reader:
         kinds = {c.topic: c.msgtype for c in reader.connections}
-    assert kinds["/currents"] == kinds["/voltages"] == "sensor_msgs/msg/JointState"
+    assert kinds["/currents"] == kinds["/voltages"] == "control_msgs/msg/DynamicJointState"
     assert driven(tmp_path / "b", sensor={"kind": "ina226", "channels": [1, 2, 4]})[2].read_bytes() == (
         path.read_bytes()
     )

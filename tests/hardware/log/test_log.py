@@ -103,7 +103,7 @@ def test_rosbags_reads_it(tmp_path: Path) -> None:
             "/marks": ("visualization_msgs/msg/MarkerArray", 12),
             "/marks/m1": ("geometry_msgs/msg/PointStamped", 12),
             "/marks/m2": ("geometry_msgs/msg/PointStamped", 12),
-            "/relays": ("sensor_msgs/msg/JointState", 3),
+            "/relays": ("control_msgs/msg/DynamicJointState", 3),
             "/springs/s4/temperature": ("sensor_msgs/msg/Temperature", 3),
             "/springs/s9/temperature": ("sensor_msgs/msg/Temperature", 3),
             "/diagnostics": ("diagnostic_msgs/msg/DiagnosticArray", 1),

@@ -10,24 +10,46 @@ import threading
 import time
 import traceback
 from collections.abc import Callable
-from typing import Any
+from contextlib import suppress
+from typing import Any, TypeVar
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper, Updater
-from rclpy._rclpy_pybind11 import RCLError
+from eldir_msgs.msg import EmergencyStop, Heartbeat
+from lifecycle_msgs.msg import State
 from rclpy.callback_groups import CallbackGroup, MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from rclpy.timer import Timer
 
 from eldir.errors import EldirError
-from eldir_ros.base.interfaces import COMPLETE, LATCHED, declare_flag, get_value, message_class, new_message
+from eldir_ros.base.parameters import declare_parameters, get_flag
+from eldir_ros.base.qualities import COMPLETE, LATCHED
+from eldir_ros.conversions import time_of
 from eldir_ros.remote.heartbeats import PERIOD, Heartbeats
 
 _SHUTDOWN_TIMEOUT = 8.0  # until everything is off [s]
 _RETRY_INTERVAL = 1.0  # between two attempts to start [s]
 ALIVE, STOP = "alive", "emergency_stop"
+UNCONFIGURED, INACTIVE, ACTIVATING, ACTIVE, FINALIZED = (
+    "unconfigured",
+    "inactive",
+    "activating",
+    "active",
+    "finalized",
+)
+"""States of the lifecycle."""
+_IDS = {
+    UNCONFIGURED: State.PRIMARY_STATE_UNCONFIGURED,
+    INACTIVE: State.PRIMARY_STATE_INACTIVE,
+    ACTIVATING: State.TRANSITION_STATE_ACTIVATING,
+    ACTIVE: State.PRIMARY_STATE_ACTIVE,
+    FINALIZED: State.PRIMARY_STATE_FINALIZED,
+}
+_Message = TypeVar("_Message")
+_Service = TypeVar("_Service")
 
 
 class RigNode(LifecycleNode):
@@ -40,22 +62,19 @@ class RigNode(LifecycleNode):
         self.heartbeats = Heartbeats()
         self.stopped = ""
         """Why the emergency stop is latched; empty while it is not."""
+        self._state = UNCONFIGURED
         self._fault, self._waiting_for = "", ""
         self._silent: set[str] = set()
         """Nodes whose heartbeats have stopped."""
         self._shut_down_event = threading.Event()
         self.transition = threading.RLock()
-        """Held while the state changes, and by `listen`, `every` and `serve` while they work."""
-        self._answer = self._service_change_state.callback
-        self._service_change_state.callback = self._on_change_state
-        declare_flag(self, "autostart", "Configure and activate once, as soon as possible.")
+        """Held while a transition works, and by `listen`, `every` and `serve` while they work."""
+        declare_parameters(self, name)
         self._starting = self.create_timer(_RETRY_INTERVAL, self._autostart)
-        heartbeat = message_class("diagnostic_msgs/msg/KeyValue")
-        stop = message_class("eldir_msgs/msg/EmergencyStop")
-        self._alive = self.create_publisher(heartbeat, ALIVE, COMPLETE)
-        self.create_subscription(heartbeat, ALIVE, self._on_heartbeat, COMPLETE, callback_group=_own_group())
+        self._alive = self.announce(Heartbeat, ALIVE, COMPLETE)
+        self.create_subscription(Heartbeat, ALIVE, self._on_heartbeat, COMPLETE, callback_group=_own_group())
         self.create_timer(PERIOD, self._send_heartbeat, _own_group())
-        self.create_subscription(stop, STOP, self._on_stop, LATCHED, callback_group=_own_group())
+        self.create_subscription(EmergencyStop, STOP, self._on_stop, LATCHED, callback_group=_own_group())
         if self.get_namespace() != "/":
             self.declare_parameter("diagnostic_updater.use_fqn", True)  # /diagnostics is for all rigs
         self.diagnostics = Updater(self)
@@ -93,15 +112,21 @@ class RigNode(LifecycleNode):
     # group the executor would always take the first that is ready, in the order in which they were made, and
     # timers first of all: with a picture always waiting, nothing else would ever be heard.
 
-    def advertise(self, kind: str, topic: str, quality: QoSProfile) -> Any:
-        """A publisher of messages of a kind."""
-        return self.create_publisher(message_class(kind), topic, quality)
+    def advertise(self, kind: type[_Message], topic: str, quality: QoSProfile) -> Publisher[_Message]:
+        """A publisher that sends only while the node is active, or is being activated or deactivated."""
+        return self.create_lifecycle_publisher(kind, topic, quality)
 
-    def listen(self, kind: str, topic: str, callback: Callable[[Any], None], quality: QoSProfile) -> None:
+    def announce(self, kind: type[_Message], topic: str, quality: QoSProfile) -> Publisher[_Message]:
+        """A publisher of the state of the node itself, which an inactive node has too."""
+        return self.create_publisher(kind, topic, quality)
+
+    def listen(
+        self, kind: type[_Message], topic: str, callback: Callable[[_Message], None], quality: QoSProfile
+    ) -> None:
         """Subscribe. One message at a time is worked on, and never while the state of the lifecycle changes;
         a message that cannot be used is a fault, and not the end of the process."""
 
-        def work(message: Any) -> None:
+        def work(message: _Message) -> None:
             with self.transition:
                 try:
                     callback(message)
@@ -110,7 +135,7 @@ class RigNode(LifecycleNode):
                 except Exception as error:
                     self.report_fault(f"a message on {topic} is damaged: {type(error).__name__}: {error}")
 
-        self.create_subscription(message_class(kind), topic, work, quality, callback_group=_own_group())
+        self.create_subscription(kind, topic, work, quality, callback_group=_own_group())
 
     def every(self, period: float, work: Callable[[], None]) -> None:
         """Do something every `period` [s], but not while a message is worked on or the state changes."""
@@ -121,14 +146,14 @@ class RigNode(LifecycleNode):
 
         self.create_timer(period, tick, _own_group())
 
-    def serve(self, kind: str, name: str, answer: Callable[[Any, Any], Any]) -> None:
+    def serve(self, kind: type[_Service], name: str, answer: Callable[[Any, Any], Any]) -> None:
         """Offer a service, which answers between messages and changes of the state."""
 
         def work(request: Any, response: Any) -> Any:
             with self.transition:
                 return answer(request, response)
 
-        self.create_service(message_class(kind), name, work, callback_group=_own_group())
+        self.create_service(kind, name, work, callback_group=_own_group())
 
     def create_timer(
         self,
@@ -146,7 +171,7 @@ class RigNode(LifecycleNode):
     @property
     def state(self) -> str:
         """State of the lifecycle, such as active."""
-        return str(self._state_machine.current_state[1])
+        return self._state
 
     @property
     def now_ns(self) -> int:
@@ -159,36 +184,49 @@ class RigNode(LifecycleNode):
             self.get_logger().error(message)
         self._fault = message
 
-    def _on_change_state(self, request: Any, response: Any) -> Any:
-        """As rclpy, but a transition that this state does not have is refused, and ends no process."""
-        with self.transition:
-            try:
-                return self._answer(request, response)
-            except RCLError as error:
-                self.get_logger().error(f"invalid transition in state {self.state}: {error}".splitlines()[0])
-                response.success = False
-                return response
+    # rclpy has no public property for the state, so it is noted where the transitions end.
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        return self._try(self.open, undo=self.close)
+        return self._change(self.open, INACTIVE, otherwise=UNCONFIGURED, undo=self.close)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        self._fault = ""
-        outcome = self._try(self.start)
-        return super().on_activate(state) if outcome == TransitionCallbackReturn.SUCCESS else outcome
+        with self.transition:
+            self._fault, self._state = "", ACTIVATING
+            super().on_activate(state)  # first: what `start` begins may publish at once
+            outcome = self._change(self.start, ACTIVE, otherwise=INACTIVE)
+            if outcome != TransitionCallbackReturn.SUCCESS:
+                super().on_deactivate(state)
+            return outcome
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        self._try(self.halt)
-        return super().on_deactivate(state)
+        with self.transition:
+            self._change(self.halt, INACTIVE, otherwise=INACTIVE)
+            return super().on_deactivate(state)  # last: `halt` may publish how it ended
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        return self._try(self.close)
+        return self._change(self.close, UNCONFIGURED, otherwise=INACTIVE)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        return self._try(self.close)
+        with self.transition:
+            outcome = self._change(self.close, FINALIZED, otherwise=FINALIZED)
+            super().on_deactivate(state)
+            return outcome
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        return self._try(self.close)
+        with self.transition:
+            outcome = self._change(self.close, UNCONFIGURED, otherwise=FINALIZED)
+            super().on_deactivate(state)
+            return outcome
+
+    def become_unconfigured(self) -> None:
+        """Deactivate and clean up, whatever the state is."""
+        with suppress(
+            RuntimeError
+        ):  # of rclpy: a transition that another thread has begun waits for this one
+            if self.state == ACTIVE:
+                self.trigger_deactivate()
+            if self.state == INACTIVE:
+                self.trigger_cleanup()
 
     def shut_down(self) -> None:
         """Switch everything off before the process ends; call it from a thread that runs no callbacks.
@@ -203,6 +241,18 @@ class RigNode(LifecycleNode):
             self._try(self.close)
             self._shut_down_event.set()
             self._send_heartbeat()
+
+    def _change(
+        self,
+        action: Callable[[], None],
+        then: str,
+        otherwise: str,
+        undo: Callable[[], None] = lambda: None,
+    ) -> TransitionCallbackReturn:
+        with self.transition:
+            outcome = self._try(action, undo)
+            self._state = then if outcome == TransitionCallbackReturn.SUCCESS else otherwise
+            return outcome
 
     def _try(
         self, action: Callable[[], None], undo: Callable[[], None] = lambda: None
@@ -223,36 +273,37 @@ class RigNode(LifecycleNode):
 
     def _autostart(self) -> None:
         """Configure and activate once; a node that was active before is not started again."""
-        if not get_value(self, "autostart") or self.state in ("active", "finalized"):
+        if not get_flag(self, "autostart") or self.state in (ACTIVE, FINALIZED):
             self._starting.cancel()
             return
-        if self.state == "unconfigured":
+        if self.state == UNCONFIGURED:
             before, self._waiting_for = self._waiting_for, self.missing_device()
             if self._waiting_for:
                 if self._waiting_for != before:
                     self.get_logger().info(f"waiting for {self._waiting_for}")
                 return
             self.trigger_configure()
-        if self.state == "inactive":
+        if self.state == INACTIVE:
             self.trigger_activate()
 
     def _send_heartbeat(self) -> None:
-        state = "finalized" if self._shut_down_event.is_set() else self.state
-        self._alive.publish(new_message("diagnostic_msgs/msg/KeyValue", key=self.get_name(), value=state))
+        label = FINALIZED if self._shut_down_event.is_set() else self.state
+        state = State(id=_IDS[label], label=label)
+        self._alive.publish(Heartbeat(stamp=time_of(self.now_ns), name=self.get_name(), state=state))
         for name in self.heartbeats.silent(time.monotonic()):
             self.heartbeats.forget(name)
             self._silent.add(name)
             self.get_logger().error(_silent_message(name))
             self.on_silent_node(name)
 
-    def _on_heartbeat(self, message: Any) -> None:
-        if message.key != self.get_name():
-            self.heartbeats.update(message.key, message.value, time.monotonic())
-            if message.key in self._silent:
-                self._silent.discard(message.key)
-                self.get_logger().info(f"{message.key} sends heartbeats again")
+    def _on_heartbeat(self, message: Heartbeat) -> None:
+        if message.name != self.get_name():
+            self.heartbeats.update(message.name, message.state.label, time.monotonic())
+            if message.name in self._silent:
+                self._silent.discard(message.name)
+                self.get_logger().info(f"{message.name} sends heartbeats again")
 
-    def _on_stop(self, message: Any) -> None:
+    def _on_stop(self, message: EmergencyStop) -> None:
         before, self.stopped = self.stopped, message.reason if message.stopped else ""
         if self.stopped and self.stopped != before:
             self.get_logger().error(f"emergency stop: {self.stopped}")

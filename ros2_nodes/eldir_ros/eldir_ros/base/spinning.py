@@ -12,16 +12,17 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from typing import Any
 
 import rclpy
-from rclpy._rclpy_pybind11 import RCLError
 from rclpy.exceptions import ParameterException
-from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from eldir.errors import EldirError
 from eldir_ros.base.node_log import forward_records
+from eldir_ros.base.waiting_executor import WaitingExecutor
 
 _SPIN_TIMEOUT = 0.2  # until a node checks whether it has shut down [s]
 _SIGNAL_INTERVAL = 0.05  # between two checks for signals: another thread may receive them [s]
@@ -41,8 +42,8 @@ def spin(classes: Sequence[Callable[[], Node]]) -> None:
     for number in (signal.SIGINT, signal.SIGTERM):
         # Not an event: it has a lock that this thread may hold when the signal arrives.
         signal.signal(number, lambda number, _: received.append(number))
-    nodes: list[Node] = []
-    executors: list[tuple[MultiThreadedExecutor, threading.Thread]] = []
+    nodes: list[Any] = []
+    executors: list[tuple[WaitingExecutor, threading.Thread]] = []
     try:
         with ros_errors_as_eldir_errors():
             rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
@@ -51,8 +52,8 @@ def spin(classes: Sequence[Callable[[], Node]]) -> None:
                 nodes.append(node_class())
             if len(nodes) == 1:
                 forward_records(nodes[0].get_name(), nodes[0].get_logger())
-            executor = MultiThreadedExecutor(_MAX_THREADS)
-            executor.add_node(nodes[-1])
+            on_error = _ErrorCallback(nodes[-1], failures, ended)
+            executor = WaitingExecutor(nodes[-1], _MAX_THREADS, on_error)
             spinning = threading.Thread(target=_spin, args=(executor, is_shut_down, ended, failures))
             spinning.start()
             executors.append((executor, spinning))
@@ -68,8 +69,7 @@ def spin(classes: Sequence[Callable[[], Node]]) -> None:
         is_shut_down.set()
         for executor, spinning in executors:
             spinning.join()
-            executor._executor.shutdown()  # callbacks that have begun: rclpy's own shutdown waits for none
-            executor.shutdown(timeout_sec=1.0)
+            executor.finish()
         for node in nodes:
             node.destroy_node()
         rclpy.try_shutdown()
@@ -80,12 +80,12 @@ def spin(classes: Sequence[Callable[[], Node]]) -> None:
 
 
 def _spin(
-    executor: MultiThreadedExecutor,
+    executor: WaitingExecutor,
     is_shut_down: threading.Event,
     ended: threading.Event,
     failures: list[str],
 ) -> None:
-    """Run one node's callbacks until it has shut down; a callback that fails ends the process in order."""
+    """Run one node's callbacks until it has shut down."""
     try:
         while not is_shut_down.is_set():
             executor.spin_once(timeout_sec=_SPIN_TIMEOUT)
@@ -96,6 +96,30 @@ def _spin(
     ended.set()
 
 
+class _ErrorCallback:
+    """A callback of a node that fails ends the process in order.
+
+    Not so an error of rclpy itself: in Jazzy, a transition that the lifecycle state does not have raises one
+    in the service change_state. It then sends no answer, and there is no public way to one (rclpy #1209).
+    """
+
+    def __init__(self, node: Node, failures: list[str], ended: threading.Event):
+        self._node, self._failures, self._ended = node, failures, ended
+
+    def __call__(self, error: Exception) -> None:
+        text = f"{type(error).__name__}: {error}".splitlines()[0]
+        if is_ros_error(error):
+            self._node.get_logger().error(text)
+            return
+        self._failures.append(text)
+        self._ended.set()
+
+
+def is_ros_error(error: Exception) -> bool:
+    """Whether an exception is an error of the middleware; rclpy exports only `RuntimeError` for it."""
+    return isinstance(error, RuntimeError) and type(error).__module__.startswith("rclpy.")
+
+
 @contextmanager
 def ros_errors_as_eldir_errors() -> Iterator[None]:
     """Raise errors of the middleware in this context as `EldirError`, with the reason in one line.
@@ -104,7 +128,9 @@ def ros_errors_as_eldir_errors() -> Iterator[None]:
     """
     try:
         yield
-    except RCLError as error:
+    except RuntimeError as error:
+        if not is_ros_error(error):
+            raise
         reason = str(error).splitlines()[0].split(", at ")[0]
         if os.environ.get("ROS_SECURITY_ENABLE") != "true":
             raise EldirError(f"the graph cannot be joined: {reason}") from error

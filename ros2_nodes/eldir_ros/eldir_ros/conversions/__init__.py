@@ -2,33 +2,42 @@
 # Use of this source code is governed by an MIT-style license that can be found in the LICENSE file or at
 # https://opensource.org/licenses/MIT.
 
-"""Conversions between the toolkit's values and ROS messages: pure functions that need no ROS.
+"""Conversions between the toolkit's values and ROS messages: pure functions that need no rclpy.
 
-They take a `NewMessage`: nodes give one for ROS's classes, tests one for rosbags' classes.
+The messages' classes are imported; tests without ROS provide those of rosbags under the same names.
 """
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from builtin_interfaces.msg import Duration, Time
+from std_msgs.msg import Header
+
+_SECOND = 1_000_000_000  # [ns]
 
 
-class NewMessage(Protocol):
-    """Creates a message of a type such as sensor_msgs/msg/Image; other fields keep their defaults."""
-
-    def __call__(self, name: str, /, **fields: Any) -> Any: ...
-
-
-def time_of(new_message: NewMessage, stamp: int) -> Any:
-    """builtin_interfaces/Time of a stamp [ns]."""
-    seconds, rest = divmod(stamp, 1_000_000_000)
-    return new_message("builtin_interfaces/msg/Time", sec=seconds, nanosec=rest)
+def time_of(stamp: int) -> Time:
+    """The message of a stamp [ns]."""
+    seconds, rest = divmod(stamp, _SECOND)
+    return Time(sec=seconds, nanosec=rest)
 
 
-def nanoseconds(stamp: Any) -> int:
-    """Stamp [ns] of a builtin_interfaces/Time."""
-    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+def nanoseconds(stamp: Time | Duration) -> int:
+    """A stamp or a duration [ns]."""
+    return int(stamp.sec) * _SECOND + int(stamp.nanosec)
 
 
-def header_of(new_message: NewMessage, stamp: int, frame_id: str = "") -> Any:
-    """std_msgs/Header with a stamp [ns] and a frame."""
-    return new_message("std_msgs/msg/Header", stamp=time_of(new_message, stamp), frame_id=frame_id)
+def duration_of(seconds: float) -> Duration:
+    """The message of a duration [s], rounded to nanoseconds; raises `OverflowError` or `ValueError` for one
+    that is not finite."""
+    whole, rest = divmod(round(seconds * _SECOND), _SECOND)
+    return Duration(sec=whole, nanosec=rest)
+
+
+def seconds_from(duration: Duration) -> float:
+    """A duration [s]; that of a decimal number with up to nine places is the same number."""
+    return nanoseconds(duration) / _SECOND
+
+
+def header_of(stamp: int, frame_id: str = "") -> Header:
+    """A header with a stamp [ns] and a frame."""
+    return Header(stamp=time_of(stamp), frame_id=frame_id)

@@ -8,10 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
+from control_msgs.msg import DynamicJointState, InterfaceValue
+from eldir_msgs.msg import BoardState as BoardStateMessage
+from eldir_msgs.msg import EmergencyStop
+from sensor_msgs.msg import Temperature
+
+from eldir_hardware.log.messages import CLOSED, CURRENT, VOLTAGE
 from eldir_hardware.rig.configuration import Rig
-from eldir_ros.conversions import NewMessage, header_of, nanoseconds, time_of
+from eldir_ros.conversions import duration_of, header_of, nanoseconds, seconds_from, time_of
 
 
 @dataclass(frozen=True)
@@ -53,12 +58,11 @@ def spring_names(rig: Rig) -> tuple[str, ...]:
     return tuple(f"spring{c.spring}_{c.face}" for c in rig.channels)
 
 
-def states_of(new_message: NewMessage, state: BoardState) -> Any:
-    """eldir_msgs/BoardState of a report."""
-    return new_message(
-        "eldir_msgs/msg/BoardState",
-        header=header_of(new_message, state.stamp),
-        age=state.age,
+def states_of(state: BoardState) -> BoardStateMessage:
+    """The message of a report."""
+    return BoardStateMessage(
+        header=header_of(state.stamp),
+        age=duration_of(state.age),
         run=state.run,
         sequence=state.sequence,
         armed=state.armed,
@@ -69,18 +73,18 @@ def states_of(new_message: NewMessage, state: BoardState) -> Any:
         currents=list(state.currents),
         voltages=list(state.voltages),
         peak_temperature=state.peak_temperature,
-        max_delay=state.max_delay,
+        max_delay=duration_of(state.max_delay),
     )
 
 
-def state_from(message: Any) -> BoardState:
-    """The report in an eldir_msgs/BoardState."""
+def state_from(message: BoardStateMessage) -> BoardState:
+    """The report in a message; raises `ValueError` for one that lacks values."""
     springs, channels = tuple(message.springs), tuple(message.channels)
     if len(message.closed) != len(channels) or len(message.temperatures) != len(springs):
         raise ValueError("invalid report: expected one value for each contact and each spring")
     return BoardState(
         nanoseconds(message.header.stamp),
-        float(message.age),
+        seconds_from(message.age),
         message.run,
         int(message.sequence),
         bool(message.armed),
@@ -89,32 +93,42 @@ def state_from(message: Any) -> BoardState:
         springs,
         tuple(float(t) for t in message.temperatures),
         float(message.peak_temperature),
-        float(message.max_delay),
+        seconds_from(message.max_delay),
         tuple(float(c) for c in message.currents),
         tuple(float(v) for v in message.voltages),
     )
 
 
-def values_of(new_message: NewMessage, stamp: int, names: Sequence[str], values: Sequence[float]) -> Any:
-    """sensor_msgs/JointState with one number for each name, as the topics relays, currents and voltages have
-    it in a log; a contact that is closed is 1."""
-    positions = [float(v) for v in values]
-    header = header_of(new_message, stamp)
-    return new_message("sensor_msgs/msg/JointState", header=header, name=list(names), position=positions)
+def contacts_of(stamp: int, names: Sequence[str], closed: Sequence[bool]) -> DynamicJointState:
+    """State of each relay contact, as the topic relays of a log has it; 1 is closed."""
+    return _values_of(stamp, names, CLOSED, closed)
 
 
-def temperature_of(new_message: NewMessage, stamp: int, celsius: float) -> Any:
-    """sensor_msgs/Temperature; the variance is unknown, which is 0 there."""
-    return new_message(
-        "sensor_msgs/msg/Temperature", header=header_of(new_message, stamp), temperature=celsius, variance=0.0
+def currents_of(stamp: int, names: Sequence[str], amperes: Sequence[float]) -> DynamicJointState:
+    """Current through each spring [A], as the topic currents of a log has it."""
+    return _values_of(stamp, names, CURRENT, amperes)
+
+
+def voltages_of(stamp: int, names: Sequence[str], volts: Sequence[float]) -> DynamicJointState:
+    """Voltage across each spring [V], as the topic voltages of a log has it."""
+    return _values_of(stamp, names, VOLTAGE, volts)
+
+
+def _values_of(
+    stamp: int, names: Sequence[str], interface: str, values: Sequence[float]
+) -> DynamicJointState:
+    return DynamicJointState(
+        header=header_of(stamp),
+        joint_names=list(names),
+        interface_values=[InterfaceValue(interface_names=[interface], values=[float(v)]) for v in values],
     )
 
 
-def stop_of(new_message: NewMessage, stamp: int, reason: str | None) -> Any:
-    """eldir_msgs/EmergencyStop; latched if there is a reason, reset if it is None."""
-    return new_message(
-        "eldir_msgs/msg/EmergencyStop",
-        stamp=time_of(new_message, stamp),
-        stopped=reason is not None,
-        reason=reason or "",
-    )
+def temperature_of(stamp: int, celsius: float) -> Temperature:
+    """Temperature of a spring [C]; the variance is unknown, which is 0 there."""
+    return Temperature(header=header_of(stamp), temperature=celsius, variance=0.0)
+
+
+def stop_of(stamp: int, reason: str | None) -> EmergencyStop:
+    """State of the emergency stop: latched if there is a reason, reset if it is None."""
+    return EmergencyStop(stamp=time_of(stamp), stopped=reason is not None, reason=reason or "")

@@ -10,83 +10,78 @@ Frame `ground`: x forward, z up from the ground, y zero in the plane (REP-103); 
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
+from geometry_msgs.msg import Point, PointStamped, Pose, PoseArray, Quaternion, Vector3
+from std_msgs.msg import ColorRGBA
+from visualization_msgs.msg import Marker, MarkerArray
 
 from eldir.core.records import FloatArray
 from eldir_hardware.log.messages import FRAME_ID
 from eldir_hardware.markers.registration import DISC_DIAMETER, PALETTE
-from eldir_ros.conversions import NewMessage, header_of, nanoseconds
-
-_SPHERE, _ADD, _DELETE = 2, 0, 2  # of visualization_msgs/Marker
+from eldir_ros.conversions import header_of, nanoseconds
 
 
-def point_of(new_message: NewMessage, stamp: int, position: FloatArray, frame: str = FRAME_ID) -> Any:
-    """geometry_msgs/PointStamped of one mark (2,) [m]."""
-    return new_message(
-        "geometry_msgs/msg/PointStamped",
-        header=header_of(new_message, stamp, frame),
-        point=_point(new_message, position),
+def point_of(stamp: int, position: FloatArray, frame: str = FRAME_ID) -> PointStamped:
+    """Position (2,) [m] of one mark."""
+    return PointStamped(
+        header=header_of(stamp, frame),
+        point=_point(position),
     )
 
 
-def poses_of(new_message: NewMessage, stamp: int, positions: FloatArray, frame: str = FRAME_ID) -> Any:
-    """geometry_msgs/PoseArray of points (K, 2) [m], such as all masses of a body."""
-    upright = new_message("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0)
-    points = [_point(new_message, position) for position in positions]
-    poses = [new_message("geometry_msgs/msg/Pose", position=p, orientation=upright) for p in points]
-    header = header_of(new_message, stamp, frame)
-    return new_message("geometry_msgs/msg/PoseArray", header=header, poses=poses)
+def poses_of(stamp: int, positions: FloatArray, frame: str = FRAME_ID) -> PoseArray:
+    """Points (K, 2) [m], such as all masses of a body."""
+    upright = Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
+    points = [_point(position) for position in positions]
+    poses = [Pose(position=p, orientation=upright) for p in points]
+    header = header_of(stamp, frame)
+    return PoseArray(header=header, poses=poses)
 
 
-def positions_from(message: Any) -> FloatArray:
-    """Points (K, 2) [m] in a geometry_msgs/PoseArray."""
+def positions_from(message: PoseArray) -> FloatArray:
+    """Points (K, 2) [m] of a message."""
     return np.array([(p.position.x, p.position.z) for p in message.poses], float).reshape(-1, 2)
 
 
 def markers_of(
-    new_message: NewMessage,
     stamp: int,
     names: tuple[str, ...],
     positions: FloatArray,
     frame: str = FRAME_ID,
-) -> Any:
-    """visualization_msgs/MarkerArray of mass markers (K, 2) [m]; markers that are not tracked (NaN) are
+) -> MarkerArray:
+    """Mass markers (K, 2) [m]; those that are not tracked (NaN) are
     deleted."""
     markers = []
     size = {"x": DISC_DIAMETER, "y": DISC_DIAMETER, "z": DISC_DIAMETER}
     for index, (name, position) in enumerate(zip(names, positions, strict=True)):
         is_tracked = bool(np.isfinite(position).all())
         red, green, blue = (c / 255 for c in PALETTE[name])
-        upright = new_message("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0)
-        where = _point(new_message, position if is_tracked else np.zeros(2))
+        upright = Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
+        where = _point(position if is_tracked else np.zeros(2))
         markers.append(
-            new_message(
-                "visualization_msgs/msg/Marker",
-                header=header_of(new_message, stamp, frame),
+            Marker(
+                header=header_of(stamp, frame),
                 ns=name,
                 id=index,
-                type=_SPHERE,
-                action=_ADD if is_tracked else _DELETE,
-                pose=new_message("geometry_msgs/msg/Pose", position=where, orientation=upright),
-                scale=new_message("geometry_msgs/msg/Vector3", **size),
-                color=new_message("std_msgs/msg/ColorRGBA", r=red, g=green, b=blue, a=1.0),
+                type=Marker.SPHERE,
+                action=Marker.ADD if is_tracked else Marker.DELETE,
+                pose=Pose(position=where, orientation=upright),
+                scale=Vector3(**size),
+                color=ColorRGBA(r=red, g=green, b=blue, a=1.0),
             )
         )
-    return new_message("visualization_msgs/msg/MarkerArray", markers=markers)
+    return MarkerArray(markers=markers)
 
 
-def tracks_from(message: Any) -> tuple[int, tuple[str, ...], FloatArray]:
-    """Stamp [ns], names and positions (K, 2) [m] of a visualization_msgs/MarkerArray; NaN where not
-    tracked."""
+def tracks_from(message: MarkerArray) -> tuple[int, tuple[str, ...], FloatArray]:
+    """Stamp [ns], names and positions (K, 2) [m] of mass markers; NaN where not tracked."""
     names = tuple(m.ns for m in message.markers)
     positions = [
-        (m.pose.position.x, m.pose.position.z) if m.action == _ADD else (np.nan, np.nan)
+        (m.pose.position.x, m.pose.position.z) if m.action == Marker.ADD else (np.nan, np.nan)
         for m in message.markers
     ]
     return nanoseconds(message.markers[0].header.stamp), names, np.array(positions, float)
 
 
-def _point(new_message: NewMessage, position: FloatArray) -> Any:
-    return new_message("geometry_msgs/msg/Point", x=float(position[0]), y=0.0, z=float(position[1]))
+def _point(position: FloatArray) -> Point:
+    return Point(x=float(position[0]), y=0.0, z=float(position[1]))

@@ -6,24 +6,24 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
 from eldir.errors import InputError
 from eldir_hardware.camera.lens import Lens
 from eldir_hardware.images import jpeg
 from eldir_hardware.log.messages import CAMERA_FRAME_ID as FRAME_ID
 from eldir_hardware.log.messages import calibration_fields
-from eldir_ros.conversions import NewMessage, header_of
+from eldir_ros.conversions import header_of
 
 
-def raw_of(new_message: NewMessage, stamp: int, bgr: NDArray[np.uint8], frame: str = FRAME_ID) -> Any:
-    """sensor_msgs/Image of a picture (H, W, 3)."""
-    return new_message(
-        "sensor_msgs/msg/Image",
-        header=header_of(new_message, stamp, frame),
+def raw_of(stamp: int, bgr: NDArray[np.uint8], frame: str = FRAME_ID) -> Image:
+    """Raw picture (H, W, 3)."""
+    return Image(
+        header=header_of(stamp, frame),
         height=bgr.shape[0],
         width=bgr.shape[1],
         encoding="bgr8",
@@ -33,41 +33,36 @@ def raw_of(new_message: NewMessage, stamp: int, bgr: NDArray[np.uint8], frame: s
     )
 
 
-def compressed_of(
-    new_message: NewMessage, stamp: int, data: bytes, kind: str = "jpeg", frame: str = FRAME_ID
-) -> Any:
-    """sensor_msgs/CompressedImage of JPEG or PNG bytes."""
-    return new_message(
-        "sensor_msgs/msg/CompressedImage",
-        header=header_of(new_message, stamp, frame),
+def compressed_of(stamp: int, data: bytes, kind: str = "jpeg", frame: str = FRAME_ID) -> CompressedImage:
+    """Compressed picture of JPEG or PNG bytes."""
+    return CompressedImage(
+        header=header_of(stamp, frame),
         format=f"bgr8; {kind} compressed bgr8",
         data=data,
     )
 
 
 def info_of(
-    new_message: NewMessage,
     stamp: int,
     width: int,
     height: int,
     lens: Lens | None = None,
     frame: str = FRAME_ID,
-) -> Any:
-    """sensor_msgs/CameraInfo of a lens; without one all zeros: not calibrated."""
+) -> CameraInfo:
+    """The lens of a camera; without one all zeros: not calibrated."""
     if lens is not None:
         lens.require_size(width, height)
     fields = calibration_fields(lens)
-    return new_message(
-        "sensor_msgs/msg/CameraInfo",
-        header=header_of(new_message, stamp, frame),
+    return CameraInfo(
+        header=header_of(stamp, frame),
         width=width,
         height=height,
         **(fields | {"d": fields["d"].tolist()}),  # ROS's classes take no numpy for a sequence
     )
 
 
-def info_from(message: Any) -> dict[str, Any]:
-    """The fields of a sensor_msgs/CameraInfo by name, without its header, as a recorder takes them."""
+def info_from(message: CameraInfo) -> dict[str, Any]:
+    """The fields of a lens by name, without its header, as a recorder takes them."""
     size = {name: int(getattr(message, name)) for name in ("height", "width", "binning_x", "binning_y")}
     lens = {name: np.array(getattr(message, name), np.float64) for name in ("d", "k", "r", "p")}
     region = {name: int(getattr(message.roi, name)) for name in ("x_offset", "y_offset", "height", "width")}
@@ -75,11 +70,15 @@ def info_from(message: Any) -> dict[str, Any]:
     return size | lens | {"distortion_model": message.distortion_model, "roi": region}
 
 
-def picture_from(message: Any) -> NDArray[np.uint8]:
-    """BGR picture (H, W, 3) of a sensor_msgs/Image or sensor_msgs/CompressedImage."""
-    data = np.frombuffer(message.data, np.uint8)
-    if not hasattr(message, "encoding"):
-        return jpeg.decode(data)
+def picture_from(message: Image | CompressedImage) -> NDArray[np.uint8]:
+    """BGR picture (H, W, 3) of a message."""
+    if hasattr(message, "encoding"):
+        return _raw_from(cast(Image, message))
+    return jpeg.decode(np.frombuffer(message.data, np.uint8))
+
+
+def _raw_from(message: Image) -> NDArray[np.uint8]:
+    data: NDArray[np.uint8] = np.frombuffer(message.data, np.uint8)
     if message.encoding not in ("bgr8", "rgb8", "mono8"):
         raise InputError(
             "pictures of this encoding cannot be read",

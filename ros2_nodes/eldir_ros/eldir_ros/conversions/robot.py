@@ -7,21 +7,27 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 import numpy as np
+from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
+from sensor_msgs.msg import JointState
+from std_msgs.msg import ColorRGBA
+from tf2_msgs.msg import TFMessage
+from visualization_msgs.msg import Marker, MarkerArray
 
 from eldir.core.records import BoolArray, FloatArray, IntArray
 from eldir_cad.multibody.hubs import hub_name
 from eldir_cad.multibody.mjcf_elements import add_element
-from eldir_ros.conversions import NewMessage, header_of
+from eldir_ros.conversions import header_of
 from eldir_ros.conversions.frames import transform_of
 
-_LINE_LIST, _ADD = 5, 0  # of visualization_msgs/Marker
 _STRIP = 0.002  # width of a line [m]
 _COLOURS = {True: (0.85, 0.3, 0.2), False: (0.65, 0.65, 0.65)}
+_PREDICTED_COLOUR = (0.2, 0.5, 0.9)
+PREDICTED = "predicted"
+"""Prefix of the predicted robot's frames, and of its markers' namespaces."""
 _ROOT = "ground"
 _TRAVEL_LIMIT = 100.0  # URDF requires a limit; no hub reaches it [m]
 
@@ -64,20 +70,20 @@ def urdf_text(name: str, meshes: Mapping[int, str], middle: float) -> str:
     return ElementTree.tostring(root, encoding="unicode") + "\n"
 
 
-def joints_of(new_message: NewMessage, stamp: int, positions: FloatArray, angles: FloatArray) -> Any:
-    """sensor_msgs/JointState of hubs at (M, 2) [m], turned by `angles` (M,) [rad]."""
+def joints_of(stamp: int, positions: FloatArray, angles: FloatArray) -> JointState:
+    """Joints of hubs at (M, 2) [m], turned by `angles` (M,) [rad]."""
     names = [f"{hub_name(hub)}_{axis}" for hub in range(len(positions)) for axis in ("x", "z", "turn")]
     values = np.column_stack([positions, angles]).ravel().tolist()
-    header = header_of(new_message, stamp)
-    return new_message("sensor_msgs/msg/JointState", header=header, name=names, position=values)
+    header = header_of(stamp)
+    return JointState(header=header, name=names, position=values)
 
 
 def frames_of(
-    new_message: NewMessage, stamp: int, positions: FloatArray, angles: FloatArray, ground: str
-) -> Any:
-    """tf2_msgs/TFMessage of every link of the hubs; `ground` is the name of the root's frame, whose prefix
-    all have."""
-    prefix = ground[: ground.rfind("/") + 1]
+    stamp: int, positions: FloatArray, angles: FloatArray, ground: str, is_predicted: bool = False
+) -> TFMessage:
+    """Frames of every link of the hubs; `ground` is the name of the root's frame, whose prefix all have.
+    Those of the predicted robot have `PREDICTED` after it."""
+    prefix = ground[: ground.rfind("/") + 1] + (f"{PREDICTED}/" if is_predicted else "")
     still, transforms = np.eye(3), []
     for hub, ((x, z), angle) in enumerate(zip(positions.tolist(), angles.tolist(), strict=True)):
         link = prefix + hub_name(hub)
@@ -85,47 +91,44 @@ def frames_of(
         c, s = np.cos(angle), np.sin(angle)
         turn = np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]])  # about -y: from x to z
         transforms += [
-            transform_of(new_message, stamp, ground, at_x, np.array([x, 0.0, 0.0]), still),
-            transform_of(new_message, stamp, at_x, at_z, np.array([0.0, 0.0, z]), still),
-            transform_of(new_message, stamp, at_z, link, np.zeros(3), turn),
+            transform_of(stamp, ground, at_x, np.array([x, 0.0, 0.0]), still),
+            transform_of(stamp, at_x, at_z, np.array([0.0, 0.0, z]), still),
+            transform_of(stamp, at_z, link, np.zeros(3), turn),
         ]
-    return new_message("tf2_msgs/msg/TFMessage", transforms=transforms)
+    return TFMessage(transforms=transforms)
 
 
 def springs_of(
-    new_message: NewMessage,
     stamp: int,
     positions: FloatArray,
     springs: IntArray,
     active: BoolArray,
     planes: tuple[float, ...],
     frame: str,
-) -> Any:
-    """visualization_msgs/MarkerArray of the springs (S, 2): coils in one colour, strips in another.
+    is_predicted: bool = False,
+) -> MarkerArray:
+    """The springs (S, 2) as lines: coils in one colour, strips in another, the predicted robot's in a third.
 
     `planes`: those of the faces' springs, behind the plane of motion [m]."""
     markers = []
     for number, is_coil in enumerate((False, True)):
         ends = positions[springs[active == is_coil].ravel()].tolist()
-        red, green, blue = _COLOURS[is_coil]
+        red, green, blue = _PREDICTED_COLOUR if is_predicted else _COLOURS[is_coil]
+        part = "coils" if is_coil else "strips"
         markers.append(
-            new_message(
-                "visualization_msgs/msg/Marker",
-                header=header_of(new_message, stamp, frame),
-                ns="coils" if is_coil else "strips",
+            Marker(
+                header=header_of(stamp, frame),
+                ns=f"{PREDICTED} {part}" if is_predicted else part,
                 id=number,
-                type=_LINE_LIST,
-                action=_ADD,
-                pose=new_message(
-                    "geometry_msgs/msg/Pose",
-                    position=new_message("geometry_msgs/msg/Point"),
-                    orientation=new_message("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0),
+                type=Marker.LINE_LIST,
+                action=Marker.ADD,
+                pose=Pose(
+                    position=Point(),
+                    orientation=Quaternion(x=0.0, y=0.0, z=0.0, w=1.0),
                 ),
-                scale=new_message("geometry_msgs/msg/Vector3", x=_STRIP, y=0.0, z=0.0),
-                color=new_message("std_msgs/msg/ColorRGBA", r=red, g=green, b=blue, a=1.0),
-                points=[
-                    new_message("geometry_msgs/msg/Point", x=x, y=y, z=z) for y in planes for x, z in ends
-                ],
+                scale=Vector3(x=_STRIP, y=0.0, z=0.0),
+                color=ColorRGBA(r=red, g=green, b=blue, a=1.0),
+                points=[Point(x=x, y=y, z=z) for y in planes for x, z in ends],
             )
         )
-    return new_message("visualization_msgs/msg/MarkerArray", markers=markers)
+    return MarkerArray(markers=markers)

@@ -12,27 +12,20 @@ import uuid
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from eldir_msgs.action import RunSchedule
+from eldir_msgs.msg import BoardState, Heartbeat, HeatCommand, Run
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.schedule import ActuationSchedule
-from eldir_ros.base.interfaces import (
-    COMPLETE,
-    LATCHED,
-    declare_number,
-    declare_optional_number,
-    declare_text,
-    declare_texts,
-    get_file,
-    get_optional_value,
-    get_value,
-    message_class,
-    new_message,
-)
-from eldir_ros.base.rig_node import RigNode
+from eldir_ros.base.parameters import get_file, get_number, get_optional_value, get_text, get_texts
+from eldir_ros.base.qualities import COMPLETE, LATCHED
+from eldir_ros.base.rig_node import ACTIVE, RigNode
 from eldir_ros.base.spinning import spin
-from eldir_ros.conversions import board, runs, time_of
+from eldir_ros.conversions import board, duration_of, runs, time_of
+from eldir_ros.conversions.schedules import schedule_from
 from eldir_ros.remote.heartbeats import CLIENT_TIMEOUT, Heartbeats
 from eldir_ros.remote.remote_bank import RemoteBank
 from eldir_ros.remote.schedule_run import RunProgress, RunRequest, RunScheduleResult, ScheduleRun
@@ -48,42 +41,30 @@ class ActuationSequencerNode(RigNode):
 
     def __init__(self, **options: Any):
         super().__init__("actuation_sequencer", **options)
-        declare_text(self, "rig", "Rig file (YAML, eldir-rig/1).")
-        declare_texts(self, "required_nodes", "Nodes that must be active, or nothing is heated.")
-        declare_number(self, "lead", "Time from a goal to the start of its schedule [s].", 1.5, 0.5, 30.0)
-        declare_text(self, "accept_mismatch", "Reason for playing schedules that are not for this rig.")
-        declare_optional_number(
-            self,
-            "room_c",
-            "Temperature of the air around the springs, measured before the run [C]. Not set: what the rig "
-            "file's thermometer shows, if there is one.",
-            -20.0,
-            60.0,
-        )
         self._rig: Rig | None = None
         self._goals: dict[bytes, _GoalLink] = {}
         """Goals that were accepted and have not ended."""
         self._playing_lock, self._goals_lock = threading.Lock(), threading.Lock()
         self._client_heartbeats = Heartbeats(CLIENT_TIMEOUT)
-        self.commands = self.advertise("eldir_msgs/msg/HeatCommand", "relay_board/commands", COMPLETE)
-        self.run_states = self.advertise("eldir_msgs/msg/Run", "run", LATCHED)
+        self.commands = self.advertise(HeatCommand, "relay_board/commands", COMPLETE)
+        self.run_states = self.advertise(Run, "run", LATCHED)
         self.create_subscription(
-            message_class("eldir_msgs/msg/BoardState"),
+            BoardState,
             "relay_board/states",
             self._on_states,
             COMPLETE,
             callback_group=MutuallyExclusiveCallbackGroup(),
         )
         self.create_subscription(
-            message_class("std_msgs/msg/String"),
+            Heartbeat,
             "run_schedule/alive",
-            lambda m: self._client_heartbeats.update(m.data, "active", time.monotonic()),
+            lambda m: self._client_heartbeats.update(m.name, ACTIVE, time.monotonic()),
             COMPLETE,
             callback_group=MutuallyExclusiveCallbackGroup(),
         )
         self._action = ActionServer(
             self,
-            message_class("eldir_msgs/action/RunSchedule"),
+            RunSchedule,
             "run_schedule",
             execute_callback=self._execute,
             goal_callback=self._accept_or_reject,
@@ -109,44 +90,44 @@ class ActuationSequencerNode(RigNode):
             for link in self._goals.values():
                 link.bank.interrupt(outcome, why)
 
-    def _on_states(self, message: Any) -> None:
+    def _on_states(self, message: BoardState) -> None:
         state = board.state_from(message)
         with self._goals_lock:
             for link in self._goals.values():
                 link.bank.report(state)
 
-    def _accept_or_reject(self, request: Any) -> GoalResponse:
+    def _accept_or_reject(self, request: RunSchedule.Goal) -> GoalResponse:
         with self._goals_lock:
             return GoalResponse.REJECT if len(self._goals) >= _MAX_GOALS else GoalResponse.ACCEPT
 
-    def _start_goal(self, goal: Any) -> None:
+    def _start_goal(self, goal: ServerGoalHandle) -> None:
         self._interrupt(runs.PREEMPTED, "another schedule was sent")
         client = goal.request.client
         # The goal itself counts as a heartbeat.
-        self._client_heartbeats.update(client, "active", time.monotonic())
+        self._client_heartbeats.update(client, ACTIVE, time.monotonic())
         with self._goals_lock:
             self._goals[bytes(goal.goal_id.uuid)] = _GoalLink(self, goal, lambda: self._missing(client))
         goal.execute()
 
-    def _cancel(self, goal: Any) -> CancelResponse:
+    def _cancel(self, goal: ServerGoalHandle) -> CancelResponse:
         with self._goals_lock:
             link = self._goals.get(bytes(goal.goal_id.uuid))
             if link is not None:
                 link.bank.interrupt(runs.CANCELLED, "cancelled")
         return CancelResponse.ACCEPT
 
-    def _execute(self, goal: Any) -> Any:
+    def _execute(self, goal: ServerGoalHandle) -> RunSchedule.Result:
         name = bytes(goal.goal_id.uuid)
         link = self._goals[name]
         try:
             with self._playing_lock:  # the goal before must have ended
-                rig = self._rig if self.state == "active" else None
+                rig = self._rig if self.state == ACTIVE else None
                 link.springs = () if rig is None else board.spring_names(rig)
                 request = RunRequest(
-                    lambda: runs.schedule_from_goal(goal.request),
+                    lambda: schedule_from(goal.request.schedule),
                     goal.request.client,
-                    get_value(self, "lead"),
-                    get_value(self, "accept_mismatch"),
+                    get_number(self, "lead_s"),
+                    get_text(self, "accept_mismatch"),
                     lambda: runs.room_from(get_optional_value(self, "room_c")),
                 )
                 run = ScheduleRun(link.bank, link, lambda: self.now_ns)
@@ -159,7 +140,7 @@ class ActuationSequencerNode(RigNode):
         """What a run lacks: its client, or required nodes that are not active."""
         now = time.monotonic()
         is_silent = self._client_heartbeats.state_of(client, now) == "silent"
-        required = ("relay_board", *get_value(self, "required_nodes"))
+        required = ("relay_board", *get_texts(self, "required_nodes"))
         lost = (f"the client {client} sends no heartbeats any more",) if is_silent else ()
         return lost + self.heartbeats.missing(required, now)
 
@@ -167,7 +148,9 @@ class ActuationSequencerNode(RigNode):
 class _GoalLink:
     """The messages of one goal: commands to the relay board, feedback and result to the client."""
 
-    def __init__(self, node: ActuationSequencerNode, goal: Any, missing: Callable[[], tuple[str, ...]]):
+    def __init__(
+        self, node: ActuationSequencerNode, goal: ServerGoalHandle, missing: Callable[[], tuple[str, ...]]
+    ):
         self._node, self._goal = node, goal
         self._id = uuid.uuid4().hex[:8]
         self.bank = RemoteBank(self, self._id, missing, lambda: node.stopped)
@@ -176,19 +159,17 @@ class _GoalLink:
     # To the relay board.
 
     def send_command(self, command: int, sequence: int) -> None:
-        self._node.commands.publish(
-            new_message("eldir_msgs/msg/HeatCommand", command=command, run=self._id, sequence=sequence)
-        )
+        self._node.commands.publish(HeatCommand(command=command, run=self._id, sequence=sequence))
 
     def send_pulses(self, delay: float, lengths: Mapping[int, float], sequence: int) -> None:
-        self._node.commands.publish(runs.pulses_of(new_message, self._id, sequence, delay, lengths))
+        self._node.commands.publish(runs.pulses_of(self._id, sequence, delay, lengths))
 
     # To everyone.
 
     def on_state(
         self, state: int, start_ns: int, message: str, schedule: ActuationSchedule, room_c: float | None
     ) -> None:
-        run = runs.run_of(new_message, state, self._id, start_ns, schedule, message, room_c)
+        run = runs.run_of(state, self._id, start_ns, schedule, message, room_c)
         self._node.run_states.publish(run)
 
     def on_message(self, text: str) -> None:
@@ -198,19 +179,19 @@ class _GoalLink:
 
     def on_progress(self, progress: RunProgress) -> None:
         self._goal.publish_feedback(
-            new_message(
-                "eldir_msgs/action/RunSchedule_Feedback",
-                stamp=time_of(new_message, self._node.now_ns),
-                elapsed=progress.elapsed,
+            RunSchedule.Feedback(
+                stamp=time_of(self._node.now_ns),
+                elapsed=duration_of(progress.elapsed),
+                phase=progress.phase,
                 cycle=progress.cycle,
-                edge=runs.edge_of(new_message, progress.edge),
+                latest_edge=[] if progress.edge is None else [runs.edge_of(progress.edge)],
                 closed=list(progress.closed),
                 springs=list(self.springs),
                 temperatures=list(progress.temperatures),
             )
         )
 
-    def conclude(self, result: RunScheduleResult) -> Any:
+    def conclude(self, result: RunScheduleResult) -> RunSchedule.Result:
         """End the goal; returns the action's result."""
         if result.outcome == runs.FINISHED:
             self._goal.succeed()
@@ -218,15 +199,14 @@ class _GoalLink:
             self._goal.canceled()
         else:
             self._goal.abort()
-        return new_message(
-            "eldir_msgs/action/RunSchedule_Result",
+        return RunSchedule.Result(
             outcome=result.outcome,
             message=result.message,
-            start=time_of(new_message, result.start_ns),
-            duration=result.duration,
+            start=time_of(result.start_ns),
+            duration=duration_of(result.duration),
             peak_temperature=result.peak_temperature,
-            max_delay=result.max_delay,
-            edges=[runs.edge_of(new_message, edge) for edge in result.edges],
+            max_delay=duration_of(result.max_delay),
+            edges=[runs.edge_of(edge) for edge in result.edges],
             all_off=result.all_off,
         )
 

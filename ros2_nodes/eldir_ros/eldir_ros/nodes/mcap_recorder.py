@@ -12,31 +12,27 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from eldir_msgs.msg import BoardState, MotionPlane, ReferenceTags, Run
+from sensor_msgs.msg import CameraInfo, CompressedImage
+from visualization_msgs.msg import MarkerArray
 
-from eldir.core.files import parse_json
 from eldir.core.records import FileRecord
 from eldir.design import Design
 from eldir.errors import EldirError
 from eldir_hardware.camera.lens import Lens
-from eldir_hardware.camera.plane import Plane, TagBoard
+from eldir_hardware.camera.plane import Plane
 from eldir_hardware.guardian.measured_power import describe_correction
 from eldir_hardware.log.background import RunRecording
 from eldir_hardware.log.messages import HEAT_MODEL
 from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.schedule import ActuationSchedule
 from eldir_hardware.vision.pipeline import FIRST_PICTURE_KEY
-from eldir_ros.base.interfaces import (
-    COMPLETE,
-    LATCHED,
-    PICTURES,
-    declare_pictures,
-    declare_text,
-    find_file,
-    get_file,
-    get_value,
-)
-from eldir_ros.base.rig_node import RigNode
+from eldir_ros.base.parameters import find_file, get_file, get_text
+from eldir_ros.base.qualities import COMPLETE, LATCHED, PICTURES, pictures_quality
+from eldir_ros.base.rig_node import ACTIVE, RigNode
 from eldir_ros.base.spinning import spin
-from eldir_ros.conversions import board, marks, nanoseconds, pictures, runs
+from eldir_ros.conversions import board, marks, nanoseconds, pictures, reference, runs
+from eldir_ros.conversions.schedules import schedule_from, without_predictions
 
 
 class McapRecorderNode(RigNode):
@@ -44,14 +40,6 @@ class McapRecorderNode(RigNode):
 
     def __init__(self, **options: Any):
         super().__init__("mcap_recorder", **options)
-        declare_text(self, "rig", "Rig file (YAML, eldir-rig/1), attached to each log.")
-        declare_text(self, "design", "Design file, attached to each log.")
-        declare_text(self, "tags", "File of the reference tags. Default: the tags on the topic camera/tags.")
-        declare_text(
-            self, "lens", "Lens file of the camera, attached to each log and written as camera_info."
-        )
-        declare_text(self, "plane", "File of a calibrated plane, attached to each log.")
-        declare_text(self, "folder", "Folder for the logs.", ".")
         self._recording: RunRecording | None = None
         self._files: dict[str, FileRecord | bytes] = {}
         self._lens: Lens | None = None
@@ -64,25 +52,23 @@ class McapRecorderNode(RigNode):
         """Whether the plane is attached to the present log."""
         self._info: dict[str, Any] | None = None
         """The latest calibrated lens that a camera driver published."""
-        image = "sensor_msgs/msg/CompressedImage"
-        for name, topic, callback, quality in (
-            ("eldir_msgs/msg/Run", "run", self._on_run, LATCHED),
-            ("std_msgs/msg/String", "camera/tags", self._on_tags, LATCHED),
-            ("std_msgs/msg/String", "camera/plane", self._on_plane, LATCHED),
-            (image, "camera/image_raw/compressed", self._on_picture, declare_pictures(self)),
-            ("sensor_msgs/msg/CameraInfo", "camera/camera_info", self._on_info, PICTURES),
-            ("visualization_msgs/msg/MarkerArray", "marks", self._on_marks, COMPLETE),
-            ("eldir_msgs/msg/BoardState", "relay_board/states", self._on_states, COMPLETE),
-        ):
-            self.listen(name, topic, callback, quality)
+        self._schedule: ActuationSchedule | None = None
+        """The schedule of the file that the parameter names."""
+        self.listen(Run, "run", self._on_run, LATCHED)
+        self.listen(ReferenceTags, "camera/tags", self._on_tags, LATCHED)
+        self.listen(MotionPlane, "camera/plane", self._on_plane, LATCHED)
+        quality = pictures_quality(self)
+        self.listen(CompressedImage, "camera/image_raw/compressed", self._on_picture, quality)
+        self.listen(CameraInfo, "camera/camera_info", self._on_info, PICTURES)
+        self.listen(MarkerArray, "marks", self._on_marks, COMPLETE)
+        self.listen(BoardState, "relay_board/states", self._on_states, COMPLETE)
         self.every(0.2, self._tick)
 
     def open(self) -> None:
-        rig, (design, lens, plane, tags) = (
-            get_file(self, "rig"),
-            (find_file(self, name) for name in ("design", "lens", "plane", "tags")),
-        )
-        self._rig = Rig.load(rig)
+        names = ("design", "lens", "plane", "tags", "schedule")
+        design, lens, plane, tags, schedule = (find_file(self, name) for name in names)
+        self._rig = Rig.load(get_file(self, "rig"))
+        self._schedule = None if schedule is None else ActuationSchedule.load(schedule)
         self._files = {"rig.yaml": self._rig.source}
         if design is not None:
             self._files["design.json"] = Design.load(design)
@@ -108,22 +94,22 @@ class McapRecorderNode(RigNode):
         with self.transition:
             self._write(lambda log: log.on_fault(self.now_ns, "emergency stop", reason))
 
-    def _on_run(self, message: Any) -> None:
-        if self.state != "active":
+    def _on_run(self, message: Run) -> None:
+        if self.state != ACTIVE:
             return
-        if message.state != runs.RUNNING:
-            is_finished = message.state == runs.RUN_FINISHED
+        if message.state != Run.RUNNING:
+            is_finished = message.state == Run.FINISHED
             self._write(lambda log: log.end(self.now_ns, time.monotonic(), message.message, is_finished))
             return
         self._finish("another run began")
         self._begin(message)
 
-    def _begin(self, message: Any) -> None:
+    def _begin(self, message: Run) -> None:
         start_ns = self._start_ns = nanoseconds(message.start)
         start = time.strftime("%Y%m%d-%H%M%S", time.localtime(1e-9 * start_ns))
-        folder = Path(get_value(self, "folder")).expanduser()
+        folder = Path(get_text(self, "folder")).expanduser()
         path = folder / f"run-{start}-{message.id}" / "log.mcap"  # each folder is a bag
-        schedule = runs.schedule_from(message.schedule)
+        schedule = self._with_predictions(schedule_from(message.schedule))
         names = board.channel_names(self._rig), board.spring_names(self._rig)
         try:
             recording = self._recording = RunRecording(
@@ -143,12 +129,17 @@ class McapRecorderNode(RigNode):
         self._attach_plane()
         self.get_logger().info(f"recording {path}")
 
-    def _on_tags(self, message: Any) -> None:
-        if not get_value(self, "tags"):
-            self._tags = TagBoard.from_json(parse_json(message.data, "camera/tags"))
+    def _with_predictions(self, schedule: ActuationSchedule) -> ActuationSchedule:
+        """The schedule of the file, with its predictions, if it is the one that is played."""
+        given = self._schedule
+        return given if given is not None and without_predictions(given) == schedule else schedule
 
-    def _on_plane(self, message: Any) -> None:
-        self._plane = Plane.from_json(parse_json(message.data, "camera/plane"))
+    def _on_tags(self, message: ReferenceTags) -> None:
+        if not get_text(self, "tags"):
+            self._tags = reference.tags_from(message)
+
+    def _on_plane(self, message: MotionPlane) -> None:
+        self._plane = reference.plane_from(message)
         self._attach_plane()
 
     def _attach_plane(self) -> None:
@@ -161,23 +152,23 @@ class McapRecorderNode(RigNode):
             self._has_plane = True
             self._write(lambda log: log.attach({"plane.json": plane}))
 
-    def _on_picture(self, message: Any) -> None:
+    def _on_picture(self, message: CompressedImage) -> None:
         stamp, data = nanoseconds(message.header.stamp), np.frombuffer(message.data, np.uint8)
         self._write(lambda log: log.on_picture(stamp, data))
 
-    def _on_info(self, message: Any) -> None:
+    def _on_info(self, message: CameraInfo) -> None:
         """The lens from a camera's driver; a focal length of 0 means that it is not calibrated."""
         if message.k[0] and (self._recording is None or not self._recording.camera_known):
             stamp, info = nanoseconds(message.header.stamp), pictures.info_from(message)
             self._info = info
             self._write(lambda log: log.on_camera_info(stamp, info))
 
-    def _on_marks(self, message: Any) -> None:
+    def _on_marks(self, message: MarkerArray) -> None:
         if message.markers:
             stamp, names, positions = marks.tracks_from(message)
             self._write(lambda log: log.on_tracks(stamp, names, positions))
 
-    def _on_states(self, message: Any) -> None:
+    def _on_states(self, message: BoardState) -> None:
         state = board.state_from(message)
         self._write(
             lambda log: log.on_board(

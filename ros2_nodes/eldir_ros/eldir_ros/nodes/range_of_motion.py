@@ -2,7 +2,8 @@
 # Use of this source code is governed by an MIT-style license that can be found in the LICENSE file or at
 # https://opensource.org/licenses/MIT.
 
-"""Range of motion, live: the vertical range of each mark in a cycle, as simulated, predicted and tracked."""
+"""Range of motion, live: the vertical range of each marker in a cycle, as simulated, predicted and tracked;
+and the predicted robot, instant by instant."""
 
 from __future__ import annotations
 
@@ -12,20 +13,30 @@ import threading
 from contextlib import suppress
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
-from typing import Any
+from typing import Any, TypeVar
+
+from eldir_msgs.msg import RangeOfMotion, Run
+from geometry_msgs.msg import PoseArray
+from visualization_msgs.msg import MarkerArray
 
 from eldir.design import Design
-from eldir.errors import EldirError
-from eldir_calibration.comparison.predictions import LiveRangeOfMotion, predict_motions
+from eldir.errors import EldirError, InputError
+from eldir_calibration.comparison.predictions import LivePrediction, LiveRangeOfMotion, predict_live
+from eldir_hardware.log.reader import read_attachment
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.schedule import ActuationSchedule
-from eldir_ros.base.interfaces import COMPLETE, LATCHED, declare_text, get_file, new_message
-from eldir_ros.base.rig_node import RigNode
+from eldir_hardware.vision.sources import LoggedFrames, open_source
+from eldir_ros.base.frames import frame_name
+from eldir_ros.base.parameters import find_file, get_file
+from eldir_ros.base.qualities import COMPLETE, LATCHED
+from eldir_ros.base.rig_node import ACTIVE, RigNode
 from eldir_ros.base.spinning import spin
 from eldir_ros.conversions import marks, nanoseconds, runs
+from eldir_ros.conversions.schedules import schedule_from
 
 _CONTEXT = get_context("spawn")
 _NICENESS = 10  # of the prediction: the run has priority
+_File = TypeVar("_File", Rig, Design, ActuationSchedule)
 
 
 class RangeOfMotionNode(RigNode):
@@ -33,11 +44,13 @@ class RangeOfMotionNode(RigNode):
 
     def __init__(self, **options: Any):
         super().__init__("range_of_motion", **options)
-        declare_text(self, "rig", "Rig file (YAML, eldir-rig/1).")
-        declare_text(self, "design", "Design file of the robot.")
-        self._ranges = self.advertise("eldir_msgs/msg/RangeOfMotion", "range_of_motion", LATCHED)
-        self.listen("eldir_msgs/msg/Run", "run", self._on_run, LATCHED)
-        self.listen("visualization_msgs/msg/MarkerArray", "marks", self._on_marks, COMPLETE)
+        self._ranges = self.advertise(RangeOfMotion, "range_of_motion", LATCHED)
+        self._masses = self.advertise(PoseArray, "predicted/masses", COMPLETE)
+        self.listen(Run, "run", self._on_run, LATCHED)
+        self.listen(MarkerArray, "marks", self._on_marks, COMPLETE)
+        self._ground = frame_name(self, marks.FRAME_ID)
+        self._replayed: ActuationSchedule | None = None
+        """The schedule of the log that is replayed."""
         self._design: Design | None = None
         self._run: LiveRangeOfMotion | None = None
         self._start_ns = 0
@@ -46,8 +59,30 @@ class RangeOfMotionNode(RigNode):
         self._prediction: Any = None
 
     def open(self) -> None:
-        self._rig = Rig.load(get_file(self, "rig"))
-        self._design = Design.load(get_file(self, "design"))
+        log = find_file(self, "log")
+        if log is None:
+            self._replayed = None
+            self._rig = Rig.load(get_file(self, "rig"))
+            self._design = Design.load(get_file(self, "design"))
+            return
+        source = open_source(log)
+        if not isinstance(source, LoggedFrames):
+            raise InputError("this is not the log of a run", expected="an MCAP file", found=str(log))
+
+        def read(name: str, kind: type[_File]) -> _File:
+            found = read_attachment(source.attachments, source.name, name, kind.from_json)
+            if found is None:
+                raise InputError(
+                    f"{log} lacks {name}", expected="the log of a run", remedy="choose another log"
+                )
+            return found
+
+        self._rig, self._design = read("rig.yaml", Rig), read("design.json", Design)
+        self._replayed, self._start_ns = read("schedule.json", ActuationSchedule), source.log.epoch_ns
+
+    def start(self) -> None:
+        if self._replayed is not None:
+            self._begin(self._replayed, self._start_ns)
 
     def halt(self) -> None:
         self._end()
@@ -64,15 +99,19 @@ class RangeOfMotionNode(RigNode):
         self._stop_prediction()
         super().shut_down()
 
-    def _on_run(self, message: Any) -> None:
-        if self.state != "active" or self._design is None:
+    def _on_run(self, message: Run) -> None:
+        if self.state != ACTIVE or self._replayed is not None:
             return
-        if message.state != runs.RUNNING:
-            if message.state != runs.RUN_FINISHED:  # of a finished one, the last marks are still on their way
+        if message.state != Run.RUNNING:
+            if message.state != Run.FINISHED:  # of a finished one, the last marks are still on their way
                 self._end()
             return
-        schedule = runs.schedule_from(message.schedule)
-        self._start_ns = nanoseconds(message.start)
+        self._begin(schedule_from(message.schedule), nanoseconds(message.start))
+
+    def _begin(self, schedule: ActuationSchedule, start_ns: int) -> None:
+        if self._design is None:
+            return
+        self._start_ns = start_ns
         self._run = run = LiveRangeOfMotion(self._design, schedule)
         self._stop_prediction()
         receiver, sender = _CONTEXT.Pipe(duplex=False)
@@ -102,21 +141,23 @@ class RangeOfMotionNode(RigNode):
                 result = receiver.recv()
             except (EOFError, ConnectionError):
                 result = EldirError("its process was ended")
-        if isinstance(result, dict):
-            run.predictions.update(result)
+        if isinstance(result, LivePrediction):
+            run.prediction = result
         elif process is self._prediction is not None:  # it was not stopped on purpose
             self.report_fault(f"the prediction failed: {result}")
 
-    def _on_marks(self, message: Any) -> None:
+    def _on_marks(self, message: MarkerArray) -> None:
         run = self._run
-        if run is None or self.state != "active" or not message.markers:
+        if run is None or self.state != ACTIVE or not message.markers:
             return
         stamp, names, positions = marks.tracks_from(message)
-        cycle = run.update(1e-9 * (stamp - self._start_ns), names, positions)
+        t = 1e-9 * (stamp - self._start_ns)
+        cycle = run.update(t, names, positions)
+        masses = run.predicted_masses(t)
+        if masses is not None:
+            self._masses.publish(marks.poses_of(stamp, masses, self._ground))
         if cycle is not None:
-            self._ranges.publish(
-                runs.ranges_of(new_message, stamp, cycle.cycle, names, cycle.ranges, cycle.displacement)
-            )
+            self._ranges.publish(runs.ranges_of(stamp, cycle.cycle, names, cycle.ranges, cycle.displacement))
             tracked = ", ".join(f"{1e3 * r:.1f}" for r in cycle.ranges["tracked"])
             self.get_logger().info(
                 f"cycle {cycle.cycle}: tracked {tracked} mm, walked {cycle.displacement:+.2f} body lengths"
@@ -129,7 +170,7 @@ def _predict(sender: Connection, design: Design, rig: Rig, schedule: ActuationSc
     os.nice(_NICENESS)
     result: object
     try:
-        result = predict_motions(design, schedule, rig)
+        result = predict_live(design, schedule, rig)
     except Exception as error:
         result = EldirError(str(error))
     with suppress(BrokenPipeError):  # the node has ended

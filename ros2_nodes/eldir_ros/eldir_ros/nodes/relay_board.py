@@ -11,7 +11,12 @@ import time
 from contextlib import ExitStack, suppress
 from typing import Any
 
+from control_msgs.msg import DynamicJointState
 from diagnostic_updater import FrequencyStatusParam, HeaderlessTopicDiagnostic
+from eldir_msgs.msg import BoardState, EmergencyStop, HeatCommand
+from rclpy.publisher import Publisher
+from sensor_msgs.msg import Temperature
+from std_srvs.srv import Trigger
 
 from eldir.errors import EldirError
 from eldir_hardware.guardian.bank import Commander, Report
@@ -22,16 +27,9 @@ from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.devices import open_board
 from eldir_hardware.safety.latch import LatchedError, latch, read_stop, require_proven_open, require_unlatched
 from eldir_hardware.safety.spring_memory import reset_stop
-from eldir_ros.base.interfaces import (
-    COMPLETE,
-    LATCHED,
-    RELIABLE,
-    declare_text,
-    get_file,
-    get_value,
-    new_message,
-)
-from eldir_ros.base.rig_node import STOP, RigNode
+from eldir_ros.base.parameters import get_file, get_text
+from eldir_ros.base.qualities import COMPLETE, LATCHED, RELIABLE
+from eldir_ros.base.rig_node import ACTIVATING, ACTIVE, STOP, RigNode
 from eldir_ros.base.spinning import spin
 from eldir_ros.conversions import board as convert
 from eldir_ros.conversions import runs
@@ -45,8 +43,6 @@ class RelayBoardNode(RigNode):
 
     def __init__(self, **options: Any):
         super().__init__("relay_board", **options)
-        declare_text(self, "rig", "Rig file (YAML, eldir-rig/1).")
-        declare_text(self, "port", "Port of the board, instead of the rig file's.")
         self._guardian: Guardian | None = None
         self._opened = ExitStack()
         self._armed = False
@@ -54,16 +50,15 @@ class RelayBoardNode(RigNode):
         self._obeyed = ObeyedCommands()
         self._last: Report | None = None
         """The latest report since the port was opened."""
-        self._states = self.advertise("eldir_msgs/msg/BoardState", "~/states", RELIABLE)
-        self._values = {
-            name: self.advertise("sensor_msgs/msg/JointState", name, RELIABLE)
-            for name in ("relays", "currents", "voltages")
-        }
-        self._stop_state = self.advertise("eldir_msgs/msg/EmergencyStop", STOP, LATCHED)
-        self._temperatures: dict[str, Any] = {}
-        self.listen("eldir_msgs/msg/HeatCommand", "~/commands", self._on_command, COMPLETE)
-        self.serve("std_srvs/srv/Trigger", "emergency_stop", self._on_emergency_stop)
-        self.serve("std_srvs/srv/Trigger", "reset_emergency_stop", self._on_reset)
+        self._states = self.advertise(BoardState, "~/states", RELIABLE)
+        self._relays, self._currents, self._voltages = (
+            self.advertise(DynamicJointState, name, RELIABLE) for name in ("relays", "currents", "voltages")
+        )
+        self._stop_state = self.announce(EmergencyStop, STOP, LATCHED)
+        self._temperatures: dict[str, Publisher[Temperature]] = {}
+        self.listen(HeatCommand, "~/commands", self._on_command, COMPLETE)
+        self.serve(Trigger, "emergency_stop", self._on_emergency_stop)
+        self.serve(Trigger, "reset_emergency_stop", self._on_reset)
         self.every(_KEEPALIVE_INTERVAL, self._tick)
         self._rate = HeaderlessTopicDiagnostic(
             "states", self.diagnostics, FrequencyStatusParam({"min": 1.5, "max": 15.0})
@@ -86,9 +81,7 @@ class RelayBoardNode(RigNode):
         self._last = None
         self._guardian = self._opened.enter_context(Guardian(rig, port))
         for name in set(convert.spring_names(rig)) - set(self._temperatures):
-            self._temperatures[name] = self.advertise(
-                "sensor_msgs/msg/Temperature", f"springs/{name}/temperature", RELIABLE
-            )
+            self._temperatures[name] = self.advertise(Temperature, f"springs/{name}/temperature", RELIABLE)
         self._open_rig = rig
         self.get_logger().info(f"{port}: all {rig.board.channels} channels are open")
         self._publish_stop_state()
@@ -121,7 +114,7 @@ class RelayBoardNode(RigNode):
 
     # Commands and services.
 
-    def _on_command(self, message: Any) -> None:
+    def _on_command(self, message: HeatCommand) -> None:
         if not self._armed:
             return
         try:
@@ -129,7 +122,7 @@ class RelayBoardNode(RigNode):
         except Exception as error:  # the sender of damaged commands must not heat
             self._fail(EldirError(f"a command of run {message.run!r} is damaged: {error}"))
 
-    def _obey(self, message: Any) -> None:
+    def _obey(self, message: HeatCommand) -> None:
         if not message.run:
             raise ValueError("run is empty")
         if not self._commander.accepts(message.run):
@@ -147,9 +140,11 @@ class RelayBoardNode(RigNode):
             self._open_guardian().abort_pulses()
             if message.command == message.END_OF_RUN:
                 self._commander.release()
+        elif message.command != message.KEEPALIVE:
+            raise ValueError(f"its command is {message.command}")
         self._obeyed.add(message.run, message.sequence, time.monotonic())
 
-    def _on_emergency_stop(self, request: Any, response: Any) -> Any:
+    def _on_emergency_stop(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         try:
             self._stop("the emergency stop was called")
         except EldirError as error:
@@ -159,7 +154,7 @@ class RelayBoardNode(RigNode):
         response.success, response.message = True, "all contacts are open, by the board's report; latched"
         return response
 
-    def _on_reset(self, request: Any, response: Any) -> Any:
+    def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         try:
             rig, port = self._rig()
             if self._armed:
@@ -170,7 +165,7 @@ class RelayBoardNode(RigNode):
         except EldirError as error:
             response.message = str(error)
             return response
-        self._become_unconfigured()
+        self.become_unconfigured()
         self._publish_stop_state()
         response.success, response.message = True, "all contacts are open; now configure and activate"
         return response
@@ -221,13 +216,7 @@ class RelayBoardNode(RigNode):
             self.close()
             self.report_fault(why)
             self._publish_stop_state(why)
-            self._become_unconfigured()
-
-    def _become_unconfigured(self) -> None:
-        if self.state == "active":
-            self.trigger_deactivate()
-        if self.state == "inactive":
-            self.trigger_cleanup()
+            self.become_unconfigured()
 
     def _publish_off(self) -> None:
         """Publish what was just proven: all contacts are open, and the board is not armed."""
@@ -245,7 +234,7 @@ class RelayBoardNode(RigNode):
             stamp,
             age,
             *self._obeyed.before(report.t),
-            armed and self.state in ("activating", "active"),  # the board also reports while it arms
+            armed and self.state in (ACTIVATING, ACTIVE),  # the board also reports while it arms
             channels,
             report.closed,
             names,
@@ -255,14 +244,14 @@ class RelayBoardNode(RigNode):
             report.currents,
             report.voltages,
         )
-        self._states.publish(convert.states_of(new_message, state))
-        measured = {"currents": report.currents, "voltages": report.voltages}
-        for topic, values in {"relays": report.closed, **measured}.items():
-            if values:
-                where = channels if topic == "relays" else names
-                self._values[topic].publish(convert.values_of(new_message, stamp, where, values))
+        self._states.publish(convert.states_of(state))
+        self._relays.publish(convert.contacts_of(stamp, channels, report.closed))
+        if report.currents:
+            self._currents.publish(convert.currents_of(stamp, names, report.currents))
+        if report.voltages:
+            self._voltages.publish(convert.voltages_of(stamp, names, report.voltages))
         for name, celsius in zip(names, report.temperatures, strict=True):
-            self._temperatures[name].publish(convert.temperature_of(new_message, stamp, celsius))
+            self._temperatures[name].publish(convert.temperature_of(stamp, celsius))
         self._rate.tick()
 
     def _publish_stop_state(self, why: str = "") -> None:
@@ -278,12 +267,12 @@ class RelayBoardNode(RigNode):
             reason = reason or why or str(error)
         except EldirError:  # without a rig file there is no port that could be latched
             pass
-        self._stop_state.publish(convert.stop_of(new_message, self.now_ns, reason))
+        self._stop_state.publish(convert.stop_of(self.now_ns, reason))
 
     def _rig(self) -> tuple[Rig, str]:
         path = get_file(self, "rig")
         rig = Rig.load(path)
-        port = get_value(self, "port") or rig.board.port
+        port = get_text(self, "port") or rig.board.port
         if not port:
             raise EldirError(
                 f"{path} names no port",

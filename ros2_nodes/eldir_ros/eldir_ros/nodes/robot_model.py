@@ -2,7 +2,8 @@
 # Use of this source code is governed by an MIT-style license that can be found in the LICENSE file or at
 # https://opensource.org/licenses/MIT.
 
-"""The robot for RViz and Foxglove: its description with the shapes of its parts, moved by the marks."""
+"""The robot for RViz and Foxglove: its description with the shapes of its parts, moved by the marks; and the
+predicted robot beside it."""
 
 from __future__ import annotations
 
@@ -11,26 +12,27 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+from geometry_msgs.msg import PoseArray
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from tf2_msgs.msg import TFMessage
+from visualization_msgs.msg import MarkerArray
+
 from eldir.core.files import write_bytes
 from eldir.core.records import FloatArray
 from eldir.design import Design
+from eldir.errors import EldirError
 from eldir.parameters.printed import BuiltParameters
 from eldir_cad.geometry.assembly import assemble
 from eldir_cad.kit.specification import load_specification
 from eldir_cad.multibody.hubs import hub_name, hub_shapes
 from eldir_hardware.vision.whole_body import estimate_body, estimate_hub_angles
-from eldir_ros.base.interfaces import (
-    COMPLETE,
-    LATCHED,
-    RELIABLE,
-    declare_text,
-    frame_name,
-    get_file,
-    new_message,
-)
-from eldir_ros.base.rig_node import RigNode
+from eldir_ros.base.frames import frame_name
+from eldir_ros.base.parameters import get_file
+from eldir_ros.base.qualities import COMPLETE, LATCHED, RELIABLE
+from eldir_ros.base.rig_node import ACTIVE, RigNode
 from eldir_ros.base.spinning import spin
-from eldir_ros.conversions import marks, robot
+from eldir_ros.conversions import marks, nanoseconds, robot
 
 
 class RobotModelNode(RigNode):
@@ -38,14 +40,16 @@ class RobotModelNode(RigNode):
 
     def __init__(self, **options: Any):
         super().__init__("robot_model", **options)
-        declare_text(self, "design", "Design file of the robot.")
-        self._description = self.advertise("std_msgs/msg/String", "robot_description", LATCHED)
-        self._joints = self.advertise("sensor_msgs/msg/JointState", "joint_states", RELIABLE)
-        self._frames = self.advertise("tf2_msgs/msg/TFMessage", "/tf", COMPLETE)
-        self._springs = self.advertise("visualization_msgs/msg/MarkerArray", "robot_springs", RELIABLE)
-        self.listen("visualization_msgs/msg/MarkerArray", "marks", self._on_marks, COMPLETE)
+        self._descriptions = self.advertise(String, "robot_description", LATCHED)
+        self._joints = self.advertise(JointState, "joint_states", RELIABLE)
+        self._frames = self.advertise(TFMessage, "/tf", COMPLETE)
+        self._springs = self.advertise(MarkerArray, "robot_springs", RELIABLE)
+        self._predicted_springs = self.advertise(MarkerArray, "predicted/robot_springs", RELIABLE)
+        self.listen(MarkerArray, "marks", self._on_marks, COMPLETE)
+        self.listen(PoseArray, "predicted/masses", self._on_predicted, COMPLETE)
         self._ground = frame_name(self, marks.FRAME_ID)
         self._design: Design | None = None
+        self._description = ""
         self._rest: FloatArray | None = None
         self._planes: tuple[float, ...] = ()
         """Distances of the planes of the springs of both faces behind that of the markers [m]."""
@@ -63,9 +67,12 @@ class RobotModelNode(RigNode):
         for hub, file in files.items():
             write_bytes(file, shapes[hub])
         text = robot.urdf_text("robot", {hub: file.as_uri() for hub, file in files.items()}, middle)
-        self._description.publish(new_message("std_msgs/msg/String", data=text))
+        self._description = text
         self._rest = design.morphology.positions * BuiltParameters().scale
         self._design = design
+
+    def start(self) -> None:
+        self._descriptions.publish(String(data=self._description))
 
     def close(self) -> None:
         self._design = None
@@ -73,8 +80,8 @@ class RobotModelNode(RigNode):
             shutil.rmtree(self._parts, ignore_errors=True)
             self._parts = None
 
-    def _on_marks(self, message: Any) -> None:
-        if self._design is None or self._rest is None or self.state != "active" or not message.markers:
+    def _on_marks(self, message: MarkerArray) -> None:
+        if self._design is None or self._rest is None or self.state != ACTIVE or not message.markers:
             return
         stamp, _, tracked = marks.tracks_from(message)
         body = self._design.morphology
@@ -82,11 +89,29 @@ class RobotModelNode(RigNode):
         if positions is None:
             return
         angles = estimate_hub_angles(self._rest, body.springs, positions)
-        self._joints.publish(robot.joints_of(new_message, stamp, positions, angles))
-        self._frames.publish(robot.frames_of(new_message, stamp, positions, angles, self._ground))
+        self._joints.publish(robot.joints_of(stamp, positions, angles))
+        self._frames.publish(robot.frames_of(stamp, positions, angles, self._ground))
         self._springs.publish(
+            robot.springs_of(stamp, positions, body.springs, body.active, self._planes, self._ground)
+        )
+
+    def _on_predicted(self, message: PoseArray) -> None:
+        """Draw the predicted robot at the same instant as the tracked one."""
+        if self._design is None or self._rest is None or self.state != ACTIVE:
+            return
+        stamp, positions = nanoseconds(message.header.stamp), marks.positions_from(message)
+        body = self._design.morphology
+        if positions.shape != self._rest.shape:
+            raise EldirError(
+                "the predicted robot is another one",
+                expected=f"{len(self._rest)} masses, as the design has",
+                found=str(len(positions)),
+            )
+        angles = estimate_hub_angles(self._rest, body.springs, positions)
+        self._frames.publish(robot.frames_of(stamp, positions, angles, self._ground, is_predicted=True))
+        self._predicted_springs.publish(
             robot.springs_of(
-                new_message, stamp, positions, body.springs, body.active, self._planes, self._ground
+                stamp, positions, body.springs, body.active, self._planes, self._ground, is_predicted=True
             )
         )
 

@@ -14,6 +14,7 @@ import time
 from contextlib import ExitStack, suppress
 from typing import Any
 
+from geometry_msgs.msg import PoseArray
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
@@ -25,14 +26,9 @@ from eldir_hardware.rig.sections import VirtualCameraEntry
 from eldir_hardware.safety.latch import unlatch
 from eldir_hardware.virtual.bodies import BodyProcess
 from eldir_hardware.virtual.rig import BodyFrame, VirtualRig
-from eldir_ros.base.interfaces import (
-    RELIABLE,
-    declare_text,
-    find_file,
-    frame_name,
-    get_file,
-    new_message,
-)
+from eldir_ros.base.frames import frame_name
+from eldir_ros.base.parameters import declare_parameters, find_file, get_file
+from eldir_ros.base.qualities import RELIABLE
 from eldir_ros.base.spinning import spin
 from eldir_ros.conversions import marks
 
@@ -44,13 +40,8 @@ class VirtualBenchNode(Node):
 
     def __init__(self, **options: Any):
         super().__init__("virtual_bench", **options)
-        declare_text(self, "rig", "Rig file of kind virtual.")
-        declare_text(self, "design", "Design file of the robot.")
-        declare_text(self, "port", "Symbolic link to create to the emulated board's port.")
-        declare_text(
-            self, "trace", "File for the times when contacts closed and opened, as of `eldir rig emulate`."
-        )
-        self._masses = self.advertise("geometry_msgs/msg/PoseArray", "bench/masses", RELIABLE)
+        declare_parameters(self, "virtual_bench")
+        self._masses = self.create_publisher(PoseArray, "bench/masses", RELIABLE)
         self._ground = frame_name(self, marks.FRAME_ID)
         self._edges_written = 0
         self._opened = ExitStack()
@@ -94,7 +85,7 @@ class VirtualBenchNode(Node):
         late = self._rig.clock.now() - (frame.time_s + self._rig.start)
         stamp = int(self.get_clock().now().nanoseconds) - round(1e9 * late)
         with suppress(Exception):  # the context may just have been shut down
-            self._masses.publish(marks.poses_of(new_message, stamp, frame.positions, self._ground))
+            self._masses.publish(marks.poses_of(stamp, frame.positions, self._ground))
 
     def _write_edges(self) -> None:
         edges = self._rig.emulator.contact_events

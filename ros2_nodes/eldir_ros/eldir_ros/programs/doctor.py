@@ -12,16 +12,18 @@ from __future__ import annotations
 import os
 import sys
 import time
-from typing import Any
 
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from eldir_msgs.msg import BoardState, EmergencyStop, Heartbeat
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
+from sensor_msgs.msg import CompressedImage
 
 from eldir.errors import EldirError
-from eldir_ros.base.interfaces import COMPLETE, LATCHED, PICTURES, message_class
+from eldir_ros.base.qualities import COMPLETE, LATCHED, PICTURES
 from eldir_ros.base.spinning import ros_errors_as_eldir_errors
-from eldir_ros.conversions import nanoseconds
+from eldir_ros.conversions import nanoseconds, seconds_from
 from eldir_ros.remote.graph_check import GraphSnapshot, examine
 
 _DURATION = 4.0  # [s]; diagnostics come once a second, and discovery takes its time
@@ -30,11 +32,10 @@ _TYPES = {
     "relay_board/commands": "eldir_msgs/msg/HeatCommand",
     "run": "eldir_msgs/msg/Run",
     "emergency_stop": "eldir_msgs/msg/EmergencyStop",
-    "alive": "diagnostic_msgs/msg/KeyValue",
+    "alive": "eldir_msgs/msg/Heartbeat",
     "camera/image_raw/compressed": "sensor_msgs/msg/CompressedImage",
     "marks": "visualization_msgs/msg/MarkerArray",
 }
-_ERROR = 2  # level of diagnostic_msgs
 
 
 class _GraphObserver(Node):
@@ -50,32 +51,29 @@ class _GraphObserver(Node):
         )
         self._states: dict[str, str] = {}
         self._faults: dict[str, str] = {}
-        for topic, name, heard, quality in (
-            ("alive", "diagnostic_msgs/msg/KeyValue", self._on_heartbeat, COMPLETE),
-            ("relay_board/states", "eldir_msgs/msg/BoardState", self._on_report, COMPLETE),
-            ("camera/image_raw/compressed", "sensor_msgs/msg/CompressedImage", self._on_picture, PICTURES),
-            ("emergency_stop", "eldir_msgs/msg/EmergencyStop", self._on_stop, LATCHED),
-            ("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", self._on_diagnostics, COMPLETE),
-        ):
-            self.create_subscription(message_class(name), topic, heard, quality)
+        self.create_subscription(Heartbeat, "alive", self._on_heartbeat, COMPLETE)
+        self.create_subscription(BoardState, "relay_board/states", self._on_report, COMPLETE)
+        self.create_subscription(CompressedImage, "camera/image_raw/compressed", self._on_picture, PICTURES)
+        self.create_subscription(EmergencyStop, "emergency_stop", self._on_stop, LATCHED)
+        self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, COMPLETE)
 
-    def _on_heartbeat(self, message: Any) -> None:
-        self._states[message.key] = message.value
+    def _on_heartbeat(self, message: Heartbeat) -> None:
+        self._states[message.name] = message.state.label
 
-    def _on_report(self, message: Any) -> None:
+    def _on_report(self, message: BoardState) -> None:
         now = self.get_clock().now().nanoseconds
-        self.graph.skew = 1e-9 * (nanoseconds(message.header.stamp) - now) + message.age
+        self.graph.skew = 1e-9 * (nanoseconds(message.header.stamp) - now) + seconds_from(message.age)
 
-    def _on_picture(self, message: Any) -> None:
+    def _on_picture(self, message: CompressedImage) -> None:
         self.graph.pictures += 1
 
-    def _on_stop(self, message: Any) -> None:
+    def _on_stop(self, message: EmergencyStop) -> None:
         self.graph.stopped = message.reason if message.stopped else ""
 
-    def _on_diagnostics(self, message: Any) -> None:
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             if self._is_ours(status.name) and status.name.endswith(": state"):
-                self._faults[status.name] = status.message if status.level[0] == _ERROR else ""
+                self._faults[status.name] = status.message if status.level == DiagnosticStatus.ERROR else ""
 
     def _is_ours(self, name: str) -> bool:
         """States in the common topic have the namespace in their names, if there is one."""

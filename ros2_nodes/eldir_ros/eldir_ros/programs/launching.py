@@ -8,19 +8,29 @@ from __future__ import annotations
 
 import os
 import re
-import tempfile
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Iterable, Mapping
 from typing import Any
 
-from ament_index_python.packages import get_package_share_directory
+from launch.action import Action
 from launch.actions import DeclareLaunchArgument, OpaqueFunction, RegisterEventHandler, Shutdown, TimerAction
+from launch.conditions import IfCondition
 from launch.event_handlers import OnProcessExit
 from launch.launch_context import LaunchContext
-from launch.substitutions import LaunchConfiguration
+from launch.substitution import Substitution
+from launch.substitutions import (
+    AndSubstitution,
+    EqualsSubstitution,
+    IfElseSubstitution,
+    LaunchConfiguration,
+    NotEqualsSubstitution,
+    NotSubstitution,
+    OrSubstitution,
+    PathJoinSubstitution,
+)
 from launch_ros.actions import LifecycleNode, Node
+from launch_ros.parameter_descriptions import ParameterValue
+from launch_ros.substitutions import FindPackageShare
 
-from eldir.core.yaml_files import dump_yaml
 from eldir.errors import InputError
 from eldir_ros.base.spinning import LAUNCHER
 
@@ -29,118 +39,165 @@ SHARED = (
     ("use_sim_time", "false", "true: stamps follow the topic /clock; heat and its limits never do."),
 )
 """Arguments of every launch file: name, default, meaning."""
-MODEL = ("model", "false", "true: also robot_model, the robot for RViz and Foxglove.")
-"""Argument of the launch files of a rig."""
+RIG = (
+    ("composed", "false", "true: all nodes in one process."),
+    ("model", "false", "true: also robot_model, the tracked and the predicted robot for viewers."),
+)
+"""Arguments of the launch files of a rig."""
+_VIEWS = ("none", "rviz", "foxglove")
+_LAST_WORDS = 3.0  # after the end of a run, in which nodes write and close [s]
 
 
-def example() -> Path:
-    """Folder with the example robot, its rig file and its schedule."""
-    return Path(get_package_share_directory("eldir_ros")) / "config"
+class Namespace(Substitution):
+    """The launch argument `namespace`; raises `InputError` for one that is no name."""
 
-
-def parameters(
-    rig: str, design: str, logs: str, *, port: str = "", autostart: bool, required: tuple[str, ...]
-) -> dict[str, dict[str, Any]]:
-    """Parameters of each node, by name; everything else is in the rig file."""
-    both = {"rig": rig, "design": design, "autostart": autostart}
-    return {
-        "relay_board": {"rig": rig, "port": port, "autostart": autostart},
-        "actuation_sequencer": {"rig": rig, "required_nodes": [*required, ""], "autostart": autostart},
-        "camera": {**both},
-        "mass_tracker": {"design": design, "autostart": autostart, "reliable_pictures": "camera" in required},
-        "mcap_recorder": {**both, "folder": logs, "reliable_pictures": "camera" in required},
-        "range_of_motion": {**both},  # a copy: rcl reads no YAML aliases
-        "virtual_bench": {"rig": rig, "design": design, "port": port},
-        "robot_model": {"design": design, "autostart": True},
-    }
-
-
-@dataclass(frozen=True)
-class Graph:
-    """Where the nodes of a launch file live, and whose time their stamps show."""
-
-    namespace: str
-    """Such as `left`; empty for none."""
-    use_sim_time: bool
-
-    @classmethod
-    def of(cls, context: LaunchContext) -> Graph:
-        """As the launch arguments `namespace` and `use_sim_time` say; raises `InputError`."""
-        namespace, simulated = (LaunchConfiguration(a[0]).perform(context) for a in SHARED)
-        namespace = namespace.strip("/")
+    def perform(self, context: LaunchContext) -> str:
+        namespace = str(LaunchConfiguration("namespace").perform(context)).strip("/")
         if namespace and not re.fullmatch(r"[A-Za-z]\w*(/[A-Za-z]\w*)*", namespace):
             raise InputError(
                 "invalid launch argument namespace",
                 expected="letters, digits and _, such as left",
                 found=repr(namespace),
             )
-        return cls(namespace, simulated == "true")
+        return namespace
+
+    def describe(self) -> str:
+        """What it is, in messages of launch."""
+        return "Namespace()"
 
 
-def nodes(values: dict[str, dict[str, Any]], composed: bool, graph: Graph) -> list[Any]:
-    """Launch actions for the nodes in `values`: one process each, or all in one process (`composed`)."""
-    values = {name: own | {"use_sim_time": graph.use_sim_time} for name, own in values.items()}
-    if not composed:
-        return [_node(name, own, graph) for name, own in values.items()]
-    # One process reads the parameters of all its nodes from one file.
-    file = Path(tempfile.mkstemp(prefix="eldir-", suffix=".yaml")[1])
-    file.write_text(parameter_file(values, graph.namespace))
-    arguments = [*values, "--ros-args", "--params-file", str(file)]
-    process = _process("rig_process", namespace=graph.namespace, arguments=arguments)
-    ended = OpaqueFunction(function=lambda context: file.unlink(missing_ok=True))
-    return [process, RegisterEventHandler(OnProcessExit(target_action=process, on_exit=[ended]))]
+def arguments(*own: tuple[str, Any, str]) -> list[Action]:
+    """Launch arguments by name, default and meaning, and those of every launch file.
+
+    One whose default is true or false takes nothing else.
+    """
+    declared = []
+    for name, default, description in (*own, *SHARED):
+        choices = ["true", "false"] if default in ("true", "false") else None
+        declared.append(
+            DeclareLaunchArgument(name, default_value=default, description=description, choices=choices)
+        )
+    return declared
 
 
-def parameter_file(values: dict[str, dict[str, Any]], namespace: str = "") -> str:
-    """YAML with the parameters of several nodes. Each value is written where it is used: rcl reads no
-    aliases."""
-    place = f"/{namespace}/" if namespace else "/"
-    return dump_yaml({place + name: {"ros__parameters": own} for name, own in values.items()})
+def view_argument() -> DeclareLaunchArgument:
+    """The argument that starts a viewer."""
+    return DeclareLaunchArgument(
+        "view",
+        default_value="none",
+        choices=list(_VIEWS),
+        description="rviz: RViz with its configuration. foxglove: foxglove_bridge; open the layout "
+        "config/foxglove.json in Foxglove. Both with robot_model.",
+    )
 
 
-def argument(name: str, default: str, description: str) -> DeclareLaunchArgument:
-    """A launch argument; one whose default is true or false takes nothing else."""
-    choices = ["true", "false"] if default in ("true", "false") else None
-    return DeclareLaunchArgument(name, default_value=default, description=description, choices=choices)
+def text(name: str) -> ParameterValue:
+    """The value of a launch argument as a text."""
+    return ParameterValue(LaunchConfiguration(name), value_type=str)
 
 
-def number(name: str, text: str) -> float:
-    """The value of an argument that is a number; raises `InputError`."""
-    try:
-        return float(text)
-    except ValueError:
-        raise InputError(f"invalid launch argument {name}", expected="a number", found=repr(text)) from None
+def flag(name: str) -> ParameterValue:
+    """The value of a launch argument that is true or false."""
+    return ParameterValue(LaunchConfiguration(name), value_type=bool)
 
 
-def run(schedule: str, required: tuple[str, ...], graph: Graph) -> list[Any]:
-    """Launch actions that send a schedule when the nodes are active, and end the launch 3 s after the run.
+def number(name: str) -> ParameterValue:
+    """The value of a launch argument that is a number."""
+    return ParameterValue(LaunchConfiguration(name), value_type=float)
+
+
+def shared_file(*parts: str) -> PathJoinSubstitution:
+    """A file or folder of this package."""
+    return PathJoinSubstitution([FindPackageShare("eldir_ros"), *parts])
+
+
+def with_model() -> Substitution:
+    """Whether robot_model is started."""
+    return OrSubstitution(
+        LaunchConfiguration("model"), NotEqualsSubstitution(LaunchConfiguration("view"), "none")
+    )
+
+
+def rig_nodes(
+    values: Mapping[str, Mapping[str, Any]], optional: Mapping[str, Substitution] | None = None
+) -> list[Action]:
+    """The nodes in `values` with their parameters: one process each, or all in one if `composed` is true.
+
+    A node in `optional` is started only where that is true. In one process a parameter has the same value
+    for all nodes, so it must be the same in `values`.
+    """
+    wanted, composed = optional or {}, LaunchConfiguration("composed")
+    separate = NotSubstitution(composed)
+    alone = [
+        _process(
+            name,
+            Node if name == "virtual_bench" else LifecycleNode,
+            name=name,
+            parameters=[{**own, "use_sim_time": flag("use_sim_time")}],
+            condition=IfCondition(AndSubstitution(separate, wanted[name]) if name in wanted else separate),
+        )
+        for name, own in values.items()
+    ]
+    together: dict[str, Any] = {"use_sim_time": flag("use_sim_time")}
+    for own in values.values():
+        together |= own
+    names = [IfElseSubstitution(wanted[n], n, "") if n in wanted else n for n in values]
+    one = _process("rig_process", arguments=names, parameters=[together], condition=IfCondition(composed))
+    return [*alone, one]
+
+
+def viewers() -> list[Action]:
+    """RViz or the bridge to Foxglove, as the argument `view` says."""
+    view = LaunchConfiguration("view")
+    frame = IfElseSubstitution(NotEqualsSubstitution(Namespace(), ""), [Namespace(), "/ground"], "ground")
+    return [
+        Node(
+            package="rviz2",
+            executable="rviz2",
+            namespace=Namespace(),
+            arguments=["-d", shared_file("config", "rig.rviz"), "-f", frame],
+            condition=IfCondition(EqualsSubstitution(view, "rviz")),
+        ),
+        Node(
+            package="foxglove_bridge",
+            executable="foxglove_bridge",
+            parameters=[{"address": "127.0.0.1"}],
+            condition=IfCondition(EqualsSubstitution(view, "foxglove")),
+        ),
+    ]
+
+
+def run(schedule: Substitution, required: Iterable[str]) -> list[Action]:
+    """Send a schedule when the nodes are active, if the argument `run` is true; end the launch after the run.
+
     The launch then has an exit status other than 0, unless the schedule was played to its end."""
-    client = _process("run_schedule", namespace=graph.namespace, arguments=[schedule, *required])
+    client = _process(
+        "run_schedule", arguments=[schedule, *required], condition=IfCondition(LaunchConfiguration("run"))
+    )
 
-    def on_exit(event: Any, context: Any) -> list[Any]:
+    def on_exit(event: Any, context: LaunchContext) -> list[Action]:
         if context.is_shutdown:
             return []
-        end = (
-            Shutdown(reason="the schedule has ended")
-            if event.returncode == 0
-            else OpaqueFunction(function=_fail)
-        )
-        return [TimerAction(period=3.0, actions=[end])]
+        is_played = event.returncode == 0
+        end = Shutdown(reason="the schedule has ended") if is_played else OpaqueFunction(function=_fail)
+        return [TimerAction(period=_LAST_WORDS, actions=[end])]
 
     return [client, RegisterEventHandler(OnProcessExit(target_action=client, on_exit=on_exit))]
 
 
-def _fail(context: Any) -> None:
+def _fail(context: LaunchContext) -> None:
     """An exception is the only way to another exit status of a launch."""
     raise RuntimeError("the schedule was not played to its end")
-
-
-def _node(name: str, own: dict[str, Any], graph: Graph) -> Node:
-    kind = Node if name == "virtual_bench" else LifecycleNode
-    return _process(name, kind, name=name, namespace=graph.namespace, parameters=[own])
 
 
 def _process(executable: str, kind: Any = Node, **options: Any) -> Node:
     """A process that ends when its launcher has gone; upstream leaves it behind on SIGTERM."""
     own = {LAUNCHER: str(os.getpid())}
-    return kind(package="eldir_ros", executable=executable, output="screen", additional_env=own, **options)
+    return kind(
+        package="eldir_ros",
+        executable=executable,
+        namespace=Namespace(),
+        output="screen",
+        additional_env=own,
+        **options,
+    )

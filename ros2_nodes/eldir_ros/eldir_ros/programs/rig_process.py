@@ -38,7 +38,7 @@ NODES = {
 
 def main() -> None:
     """Run the nodes named as arguments; without arguments, all that a run needs."""
-    named = rclpy.utilities.remove_ros_args(sys.argv)[1:]
+    named = [n for n in rclpy.utilities.remove_ros_args(sys.argv)[1:] if n]
     unknown = [n for n in named if n not in NODES]
     if unknown:
         sys.exit(f"rig_process: no such node: {', '.join(unknown)}; expected {', '.join(NODES)}")

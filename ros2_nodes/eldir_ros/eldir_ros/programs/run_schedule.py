@@ -20,20 +20,29 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
+from eldir_msgs.action import RunSchedule
+from eldir_msgs.msg import EmergencyStop, Heartbeat
 from rclpy.action import ActionClient
+from rclpy.action.client import ClientGoalHandle
 from rclpy.clock import Clock, ClockType
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
 from eldir.errors import EldirError
-from eldir_ros.base.interfaces import COMPLETE, LATCHED, message_class, new_message
+from eldir_ros.base.qualities import COMPLETE, LATCHED
 from eldir_ros.base.spinning import ros_errors_as_eldir_errors
-from eldir_ros.conversions import runs
+from eldir_ros.conversions import runs, seconds_from, time_of
+from eldir_ros.conversions.schedules import read_schedule, schedule_of
 from eldir_ros.remote.heartbeats import PERIOD, Heartbeats
 
 _ACTIVE_TIMEOUT = 60.0  # until the other nodes must be active [s]
 _RESULT_TIMEOUT = 15.0  # from a cancellation to the result [s]
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
+_PHASES = {
+    RunSchedule.Feedback.ARMING: "arming",
+    RunSchedule.Feedback.SETTLING: "settling",
+    RunSchedule.Feedback.CONDITIONING: "conditioning",
+}
 _INTERRUPTED = 130  # exit status of a program that Ctrl-C ended
 
 
@@ -54,7 +63,8 @@ def main() -> None:
     finally:
         rclpy.try_shutdown()
     temperature = f"at most {result.peak_temperature:.1f} C"
-    print(f"{result.message}; {result.duration:.1f} s, {temperature}, {len(result.edges)} edges", flush=True)
+    duration = seconds_from(result.duration)
+    print(f"{result.message}; {duration:.1f} s, {temperature}, {len(result.edges)} edges", flush=True)
     sys.exit(0 if result.outcome == runs.FINISHED else 1)
 
 
@@ -88,16 +98,13 @@ class _Client:
     def __init__(self) -> None:
         self.name = f"run_schedule_{uuid.uuid4().hex[:8]}"
         self.node = rclpy.create_node("run_schedule")
-        self.action = ActionClient(self.node, message_class("eldir_msgs/action/RunSchedule"), "run_schedule")
+        self.action = ActionClient(self.node, RunSchedule, "run_schedule")
         self.heartbeats, self.stopped = Heartbeats(), ""
-        heartbeat, text = message_class("diagnostic_msgs/msg/KeyValue"), message_class("std_msgs/msg/String")
-        stop = message_class("eldir_msgs/msg/EmergencyStop")
-        self.node.create_subscription(heartbeat, "alive", self._on_heartbeat, COMPLETE)
-        self.node.create_subscription(stop, "emergency_stop", self._on_stop, LATCHED)
-        self._alive = self.node.create_publisher(text, "run_schedule/alive", COMPLETE)
-        own = new_message("std_msgs/msg/String", data=self.name)
+        self.node.create_subscription(Heartbeat, "alive", self._on_heartbeat, COMPLETE)
+        self.node.create_subscription(EmergencyStop, "emergency_stop", self._on_stop, LATCHED)
+        self._alive = self.node.create_publisher(Heartbeat, "run_schedule/alive", COMPLETE)
         steady = Clock(clock_type=ClockType.STEADY_TIME)  # whatever /clock does
-        self.node.create_timer(PERIOD, lambda: self._alive.publish(own), clock=steady)
+        self.node.create_timer(PERIOD, self._send_heartbeat, clock=steady)
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self.node)
 
@@ -117,22 +124,25 @@ class _Client:
             check()
             self._executor.spin_once(timeout_sec=0.1)
 
-    def _on_heartbeat(self, message: Any) -> None:
-        self.heartbeats.update(message.key, message.value, time.monotonic())
+    def _send_heartbeat(self) -> None:
+        now = int(self.node.get_clock().now().nanoseconds)
+        self._alive.publish(Heartbeat(stamp=time_of(now), name=self.name))
 
-    def _on_stop(self, message: Any) -> None:
+    def _on_heartbeat(self, message: Heartbeat) -> None:
+        self.heartbeats.update(message.name, message.state.label, time.monotonic())
+
+    def _on_stop(self, message: EmergencyStop) -> None:
         self.stopped = message.reason if message.stopped else ""
 
 
-def _send(path: Path, required: tuple[str, ...]) -> Any:
-    text = path.read_text()
-    runs.schedule_from(text)
+def _send(path: Path, required: tuple[str, ...]) -> RunSchedule.Result:
+    schedule = read_schedule(path.read_text())
     end = _EndCondition()
     with ros_errors_as_eldir_errors():
         client = _Client()
     try:
         _wait_for(client, end, required)
-        goal = new_message("eldir_msgs/action/RunSchedule_Goal", schedule=text, client=client.name)
+        goal = RunSchedule.Goal(schedule=schedule_of(schedule), client=client.name)
         sent = client.action.send_goal_async(goal, _print_feedback)
         client.spin_until(sent.done, lambda: _require_sequencer(client))
         accepted = sent.result()
@@ -143,7 +153,7 @@ def _send(path: Path, required: tuple[str, ...]) -> Any:
         client.close()
 
 
-def _await_result(client: _Client, end: _EndCondition, goal: Any) -> Any:
+def _await_result(client: _Client, end: _EndCondition, goal: ClientGoalHandle) -> RunSchedule.Result:
     """The result of a goal; a signal cancels it."""
     result = goal.get_result_async()
     client.spin_until(lambda: result.done() or bool(end.reason), lambda: _require_sequencer(client))
@@ -202,7 +212,8 @@ def _wait_for(client: _Client, end: _EndCondition, required: tuple[str, ...]) ->
 
 
 def _print_feedback(message: Any) -> None:
-    f = message.feedback
+    f: RunSchedule.Feedback = message.feedback
+    part = f"cycle {f.cycle}" if f.phase == f.COUNTING else _PHASES.get(f.phase, "")
     hot = ", ".join(f"{n} {t:.1f} C" for n, t in zip(f.springs, f.temperatures, strict=True))
     closed = ", ".join(str(c) for c in f.closed) or "none"
-    print(f"{f.elapsed:7.2f} s  cycle {f.cycle}  closed: {closed:12s}  {hot}", flush=True)
+    print(f"{seconds_from(f.elapsed):7.2f} s  {part:12s}  closed: {closed:12s}  {hot}", flush=True)

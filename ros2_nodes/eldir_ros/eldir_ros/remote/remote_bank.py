@@ -14,13 +14,14 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Protocol
 
+from eldir_msgs.msg import HeatCommand
+
 from eldir.errors import EldirError
 from eldir_hardware.guardian.bank import HeaterBank, Report, ReportCallback
 from eldir_hardware.relay.errors import NotProvenOffError
 from eldir_hardware.safety.stop_signals import StoppedError
 from eldir_ros.conversions import runs
 from eldir_ros.conversions.board import BoardState
-from eldir_ros.conversions.runs import ABORT, END_OF_RUN, KEEPALIVE
 
 _BOARD_TIMEOUT = 1.2  # without a report for so long, the board node counts as dead [s]
 _KEEPALIVE_INTERVAL = 0.1  # [s]
@@ -117,19 +118,19 @@ class RemoteBank(HeaterBank):
         if any(self.last.closed):
             raise EldirError("a contact is closed before the start", remedy="look at the relay board")
         self._require_nodes()
-        self._send(KEEPALIVE)
+        self._send(HeatCommand.KEEPALIVE)
 
     def heat(self, at: float, durations: Mapping[int, float]) -> None:
         self._sequence += 1
         self._link.send_pulses(at - time.monotonic(), durations, self._sequence)
 
     def abort_pulses(self) -> None:
-        self._send(ABORT)
+        self._send(HeatCommand.ABORT)
 
     def wait_until(self, t: float, on_report: ReportCallback) -> None:
         self._on_report = on_report  # the observer also gets the reports at the end of the run
         while True:
-            self._send(KEEPALIVE)
+            self._send(HeatCommand.KEEPALIVE)
             remaining = t - time.monotonic()
             self._take_reports(min(max(remaining, 0.0), _KEEPALIVE_INTERVAL), on_report)
             self._require_running()
@@ -141,15 +142,15 @@ class RemoteBank(HeaterBank):
 
     def disarm(self) -> None:
         """Everything off, proven, at the end of a run; the board node stays armed."""
-        self._send(END_OF_RUN)
+        self._send(HeatCommand.END_OF_RUN)
         self._prove_off(self._sequence)
 
     def stop(self, reason: str) -> None:
         """Everything off, proven. The board node itself latches the stop where it must: when commands fail to
         arrive, or when the emergency stop is called."""
-        self._send(ABORT)
+        self._send(HeatCommand.ABORT)
         aborted = self._sequence
-        self._send(END_OF_RUN)
+        self._send(HeatCommand.END_OF_RUN)
         self._prove_off(aborted, f"{reason}; ")
 
     def _is_reported(self) -> bool:

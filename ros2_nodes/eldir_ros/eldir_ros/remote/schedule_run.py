@@ -10,6 +10,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
+from eldir_msgs.msg import Run
+
 from eldir.errors import EldirError
 from eldir_hardware.clock import WallClock
 from eldir_hardware.relay.errors import NotProvenOffError
@@ -45,10 +47,12 @@ class RunProgress:
 
     elapsed: float
     """Seconds since the start of the schedule; negative while the board is arming."""
+    phase: int
+    """Phase of the run, as in the feedback of RunSchedule.action."""
     cycle: int
-    """Number of the cycle, as `ActuationSchedule.cycle_at`."""
-    edge: ContactEdge
-    """The latest edge; its channel is 0 before the first one."""
+    """Number of the cycle in this phase, from 1; 0 in one without cycles."""
+    edge: ContactEdge | None
+    """The latest edge; None before the first one."""
     closed: tuple[int, ...]
     """Channels that the board reports closed."""
     temperatures: tuple[float, ...]
@@ -137,7 +141,7 @@ class ScheduleRun:
                 nonlocal start_ns, start_t
                 start_t = start
                 start_ns = self._now_ns() + round(1e9 * (start - clock.now()))
-                self._listener.on_state(runs.RUNNING, start_ns, "", schedule, room.room_c)
+                self._listener.on_state(Run.RUNNING, start_ns, "", schedule, room.room_c)
                 self._listener.on_message(f"{duration:.1f} s")
 
             player.play(clock.now() + request.lead, on_ready)
@@ -151,7 +155,7 @@ class ScheduleRun:
         if outcome == runs.STOPPED and not start_ns:
             outcome = runs.REFUSED
         if start_ns and self._schedule is not None:
-            state = runs.RUN_FINISHED if outcome == runs.FINISHED else runs.RUN_ENDED
+            state = Run.FINISHED if outcome == runs.FINISHED else Run.ENDED
             self._listener.on_state(state, start_ns, message, self._schedule, self._room_c)
         self._listener.on_message(message)
         last = self._bank.last
@@ -173,11 +177,10 @@ class ScheduleRun:
 
     def on_temperatures(self, t: float, temperatures: tuple[float, ...]) -> None:
         assert self._schedule is not None  # it is being played
-        edge = self._edges.found[-1] if self._edges.found else ContactEdge(0.0, 0, False)
+        edge = self._edges.found[-1] if self._edges.found else None
         closed = tuple(i for i, is_closed in enumerate(self._edges.closed, start=1) if is_closed)
-        self._listener.on_progress(
-            RunProgress(t, self._schedule.cycle_at(t), edge, closed, tuple(temperatures))
-        )
+        phase = runs.phase_of(self._schedule, t)
+        self._listener.on_progress(RunProgress(t, *phase, edge, closed, tuple(temperatures)))
 
     def on_currents(self, t: float, currents: tuple[float, ...], voltages: tuple[float, ...]) -> None:
         """Nothing: who watches the run finds them on the topics currents and voltages."""

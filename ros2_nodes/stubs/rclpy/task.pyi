@@ -1,0 +1,13 @@
+# Copyright 2026 the developers of eldir
+# Use of this source code is governed by an MIT-style license that can be found in the LICENSE file or at
+# https://opensource.org/licenses/MIT.
+
+from typing import Any
+
+class Future:
+    def done(self) -> bool: ...
+    def result(self) -> Any: ...
+    def exception(self) -> Exception | None: ...
+
+class Task(Future):
+    def __call__(self) -> None: ...

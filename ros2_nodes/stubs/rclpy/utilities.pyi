@@ -1,0 +1,7 @@
+# Copyright 2026 the developers of eldir
+# Use of this source code is governed by an MIT-style license that can be found in the LICENSE file or at
+# https://opensource.org/licenses/MIT.
+
+from collections.abc import Sequence
+
+def remove_ros_args(args: Sequence[str] | None = ...) -> list[str]: ...
