@@ -33,6 +33,7 @@ setup(
         ("share/eldir_ros", ["package.xml", "LICENSE", "CHANGELOG.rst"]),
         ("share/eldir_ros/launch", glob("launch/*.launch.py")),
         ("share/eldir_ros/config", glob("config/*")),
+        ("share/eldir_ros/examples", glob("examples/*")),
         ("share/eldir_ros/sros2", glob("sros2/*")),
     ],
     install_requires=["setuptools"],

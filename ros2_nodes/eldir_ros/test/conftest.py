@@ -12,7 +12,7 @@ import tempfile
 
 import pytest
 
-collect_ignore = ["graph.py", "schedules.py", "virtual_rig_launch_test.py"]
+collect_ignore = ["graph.py", "schedules.py", "launching/virtual_rig_launch_test.py"]
 
 
 @pytest.fixture(autouse=True)

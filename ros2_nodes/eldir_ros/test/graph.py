@@ -175,12 +175,13 @@ class Graph:
 
     # Lifecycle and services.
 
-    def change(self, name: str, transition: int) -> bool:
+    def request(self, name: str, transition: int) -> Any:
+        """Ask a node to change its state; the answer to come."""
         client = self._client(ChangeState, f"{name}/change_state")
-        done = self._wait(
-            client.call_async(ChangeState.Request(transition=Transition(id=transition))), 60
-        ).success
-        return bool(done)
+        return client.call_async(ChangeState.Request(transition=Transition(id=transition)))
+
+    def change(self, name: str, transition: int) -> bool:
+        return bool(self._wait(self.request(name, transition), 60).success)
 
     def configure(self, name: str) -> bool:
         return self.change(name, Transition.TRANSITION_CONFIGURE)

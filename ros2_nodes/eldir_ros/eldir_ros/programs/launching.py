@@ -87,7 +87,7 @@ def view_argument() -> DeclareLaunchArgument:
         default_value="none",
         choices=list(_VIEWS),
         description="rviz: RViz with its configuration. foxglove: foxglove_bridge; open the layout "
-        "config/foxglove.json in Foxglove. Both with robot_model.",
+        "config/foxglove.json of eldir_ros in Foxglove. Both with robot_model.",
     )
 
 

@@ -15,7 +15,7 @@ pytest.importorskip("eldir_msgs", reason="needs the package eldir_msgs, built by
 from graph import Graph, wait_until  # noqa: E402
 from mcap.reader import make_reader  # noqa: E402
 from schedules import CONFIG, LONG, MIDDLE, SHORT  # noqa: E402
-from sensor_msgs.msg import CameraInfo  # noqa: E402
+from sensor_msgs.msg import CameraInfo, CompressedImage  # noqa: E402
 from visualization_msgs.msg import MarkerArray  # noqa: E402
 
 from eldir.design import Design  # noqa: E402
@@ -26,7 +26,7 @@ from eldir_hardware.rig.configuration import Rig  # noqa: E402
 from eldir_hardware.run.drive import DriveConfig, drive_rig  # noqa: E402
 from eldir_hardware.schedule import ActuationSchedule  # noqa: E402
 from eldir_hardware.vision.pipeline import track_log  # noqa: E402
-from eldir_ros.base.interfaces import COMPLETE, message_class  # noqa: E402
+from eldir_ros.base.qualities import COMPLETE  # noqa: E402
 from eldir_ros.conversions import marks, nanoseconds, runs  # noqa: E402
 
 
@@ -152,9 +152,9 @@ def test_a_log_that_is_played_like_a_bag_feeds_the_tracker(recorded, tmp_path):
         graph.start("mass_tracker", log=recorded, design="")
         assert graph.configure("mass_tracker") and graph.activate("mass_tracker")
         publishers = {}
-        for schema, channel, record in make_reader(file).iter_messages([IMAGE, CAMERA_INFO]):
+        for _, channel, record in make_reader(file).iter_messages([IMAGE, CAMERA_INFO]):
             if channel.topic not in publishers:
-                kind = message_class(schema.name)
+                kind = {IMAGE: CompressedImage, CAMERA_INFO: CameraInfo}[channel.topic]
                 publishers[channel.topic] = graph.node.create_publisher(kind, channel.topic, COMPLETE)
                 wait_until(lambda p=publishers[channel.topic]: p.get_subscription_count() > 0, 20)
             publishers[channel.topic].publish(bytes(record.data))

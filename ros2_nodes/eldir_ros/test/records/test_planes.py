@@ -13,17 +13,16 @@ import pytest
 rclpy = pytest.importorskip("rclpy", reason="needs ROS 2 Jazzy")
 pytest.importorskip("eldir_msgs", reason="needs the package eldir_msgs, built by colcon")
 
-from eldir_msgs.msg import Run  # noqa: E402
+from eldir_msgs.msg import MotionPlane, Run  # noqa: E402
 from graph import Graph, wait_until  # noqa: E402
 from schedules import SHORT  # noqa: E402
-from std_msgs.msg import String  # noqa: E402
 
 from eldir_hardware.camera.plane import Plane  # noqa: E402
 from eldir_hardware.log.reader import read_log  # noqa: E402
 from eldir_hardware.schedule import ActuationSchedule  # noqa: E402
 from eldir_hardware.vision.pipeline import FIRST_PICTURE_KEY  # noqa: E402
-from eldir_ros.base.interfaces import LATCHED, new_message  # noqa: E402
-from eldir_ros.conversions import runs  # noqa: E402
+from eldir_ros.base.qualities import LATCHED  # noqa: E402
+from eldir_ros.conversions import reference, runs  # noqa: E402
 
 START = 1_800_000_000_000_000_000
 EARLIER, OWN, LATER = START - 5, START + 7, START + 9
@@ -37,21 +36,21 @@ def test_the_plane_is_that_of_the_run(tmp_path, order):
     schedule = ActuationSchedule.from_json(SHORT)
     with Graph(tmp_path, ("mcap_recorder",)) as graph:
         graph.ready()
-        planes = graph.node.create_publisher(String, "camera/plane", LATCHED)
+        planes = graph.node.create_publisher(MotionPlane, "camera/plane", LATCHED)
         states = graph.node.create_publisher(Run, "run", LATCHED)
         wait_until(lambda: planes.get_subscription_count() and states.get_subscription_count(), 20)
         for sent in order:
             if sent == "run":
-                states.publish(runs.run_of(new_message, runs.RUNNING, "a", START, schedule, ""))
+                states.publish(runs.run_of(Run.RUNNING, "a", START, schedule, ""))
                 wait_until(lambda: "recording" in graph.said("mcap_recorder"), 20)
             else:
                 provenance = {FIRST_PICTURE_KEY: sent}
                 plane = Plane(640, 480, np.eye(3), np.array([320.0, 240.0]), np.zeros(2), 0.1, provenance)
-                planes.publish(String(data=json.dumps(plane.to_json())))
+                planes.publish(reference.plane_of(plane))
                 # No node tells that it has heard a plane. One that is heard later makes another order, in
                 # which the same must hold.
                 time.sleep(0.5)
-        states.publish(runs.run_of(new_message, runs.RUN_ENDED, "a", START, schedule, "over"))
+        states.publish(runs.run_of(Run.ENDED, "a", START, schedule, "over"))
         wait_until(lambda: "wrote" in graph.said("mcap_recorder"), 20)
     (log,) = tmp_path.glob("run-*/log.mcap")
     kept = json.loads(read_log(log).attachments["plane.json"])

@@ -4,7 +4,6 @@
 
 """Faults that are no heat: nodes that come back, parameters and messages that cannot be used."""
 
-import json
 import math
 import os
 import signal
@@ -18,14 +17,14 @@ rclpy = pytest.importorskip("rclpy", reason="needs ROS 2 Jazzy")
 pytest.importorskip("eldir_msgs", reason="needs the package eldir_msgs, built by colcon")
 
 from builtin_interfaces.msg import Time  # noqa: E402
-from eldir_msgs.msg import EmergencyStop, HeatCommand, RangeOfMotion, Run  # noqa: E402
-from graph import Graph, wait_until  # noqa: E402
+from eldir_msgs.msg import EmergencyStop, HeatCommand, Pulse, RangeOfMotion, ReferenceTags, Run  # noqa: E402
+from graph import Graph, message_of, wait_until  # noqa: E402
+from lifecycle_msgs.msg import Transition  # noqa: E402
 from schedules import LONG, SHORT  # noqa: E402
-from std_msgs.msg import String  # noqa: E402
 from visualization_msgs.msg import MarkerArray  # noqa: E402
 
-from eldir_ros.base.interfaces import COMPLETE, LATCHED, new_message  # noqa: E402
-from eldir_ros.conversions import marks, runs  # noqa: E402
+from eldir_ros.base.qualities import COMPLETE, LATCHED  # noqa: E402
+from eldir_ros.conversions import duration_of, marks, runs  # noqa: E402
 from eldir_ros.remote.heartbeats import NODE_TIMEOUT  # noqa: E402
 
 HEATING = ("relay_board", "actuation_sequencer")
@@ -62,10 +61,12 @@ def test_a_recorder_that_is_late_ends_no_run(tmp_path):
 def test_a_whole_number_is_a_number_and_what_is_none_is_one_line(tmp_path):
     with Graph(tmp_path, ()) as graph:
         for lead, why in ((99.0, "expected a number from 0.5 to 30"), ("soon", "found 'soon'")):
-            assert graph.start("actuation_sequencer", lead=lead).wait(60) == 1
+            assert graph.start("actuation_sequencer", lead_s=lead).wait(60) == 1
             assert why in graph.said("actuation_sequencer")
+        assert graph.start("actuation_sequencer", lead=2.0).wait(60) == 1
+        assert "expected lead_s; found lead: 2.0" in graph.said("actuation_sequencer"), "ROS would ignore it"
         assert graph.start("actuation_sequencer", rig=5).wait(60) == 1
-        graph.start("actuation_sequencer", lead=2)
+        graph.start("actuation_sequencer", lead_s=2)
         assert graph.configure("actuation_sequencer")
         assert "Traceback" not in graph.said("actuation_sequencer")
 
@@ -73,11 +74,13 @@ def test_a_whole_number_is_a_number_and_what_is_none_is_one_line(tmp_path):
 def test_damaged_messages_end_no_node(tmp_path):
     with Graph(tmp_path, READERS) as graph:
         graph.ready()
-        tags = graph.node.create_publisher(String, "camera/tags", LATCHED)
+        tags = graph.node.create_publisher(ReferenceTags, "camera/tags", LATCHED)
         run = graph.node.create_publisher(Run, "run", LATCHED)
-        for text in ("{", "[" * 100_000, "[]", '{"format": 3}'):
-            tags.publish(String(data=text))
-            run.publish(Run(state=Run.RUNNING, id="x", schedule=text))
+        wrong = message_of(LONG)
+        wrong.events[0].face = 9
+        for schedule in (Run().schedule, wrong):
+            tags.publish(ReferenceTags(dictionary="none", side=math.nan))
+            run.publish(Run(state=Run.RUNNING, id="x", schedule=schedule))
             time.sleep(0.5)
         for name in READERS:
             assert graph.state(name) == "active" and graph.processes[name].poll() is None
@@ -105,7 +108,7 @@ def test_a_prediction_that_was_killed_is_told_and_holds_no_node_up(tmp_path):
 def test_a_run_that_ended_early_has_no_further_cycles(tmp_path, stopped):
     """Its marks still arrive, and no other run has begun."""
     names, heights = ("m1", "m2", "m3", "m4", "m5"), np.linspace(0.0, 0.2, 5)
-    text, ranges = json.dumps({**LONG, "cycles": 3}), []
+    schedule, ranges = message_of({**LONG, "cycles": 3}), []
     with Graph(tmp_path, ("range_of_motion",)) as graph:
         graph.ready()
         publish, node = graph.node.create_publisher, graph.processes["range_of_motion"].pid
@@ -119,20 +122,20 @@ def test_a_run_that_ended_early_has_no_further_cycles(tmp_path, stopped):
         def show(begin, end):
             for t in np.arange(begin, end, 0.5):
                 places = np.column_stack([heights, heights + 0.01 * np.sin(t)])
-                seen.publish(marks.markers_of(new_message, round(1e9 * t), names, places))
+                seen.publish(marks.markers_of(round(1e9 * t), names, places))
 
-        run.publish(Run(state=Run.RUNNING, id="a", schedule=text))
+        run.publish(Run(state=Run.RUNNING, id="a", schedule=schedule))
         hold_prediction(node)  # it began, so the node has heard of the run; its end will tell that of the end
         show(0.0, 21.0)
         wait_until(lambda: [r.cycle for r in ranges] == [1], 20)
         if stopped:  # by a relay board whose sequencer has died, and tells nothing
             stop.publish(EmergencyStop(stopped=True, reason="tried"))
         else:
-            run.publish(Run(state=Run.ENDED, id="a", schedule=text))
+            run.publish(Run(state=Run.ENDED, id="a", schedule=schedule))
         wait_until(lambda: not children(node), 20)
         show(21.0, 42.0)
         time.sleep(2.0)  # for a second cycle to be told, as it would be without the end
-        run.publish(Run(state=Run.RUNNING, id="b", schedule=text, start=Time(sec=100)))
+        run.publish(Run(state=Run.RUNNING, id="b", schedule=schedule, start=Time(sec=100)))
         hold_prediction(node)
         show(100.0, 121.0)
         wait_until(lambda: len(ranges) > 1, 20)
@@ -165,19 +168,23 @@ def command_of(process):
 @pytest.mark.parametrize(
     "damage",
     [
-        {"channels": [1, 2], "seconds": [1.0]},
-        {"channels": [1], "seconds": [1.0], "delay": 5.0},
-        {"channels": [1], "seconds": [math.nan]},
-        {"channels": [1], "seconds": [1.0], "sequence": 0},
+        {"pulses": [(1, 1.0), (1, 2.0)]},
+        {"pulses": [(1, 1.0)], "delay": 5.0},
+        {"pulses": [(1, -1.0)]},
+        {"pulses": [(1, 1.0)], "sequence": 0},
+        {"command": HeatCommand.UNKNOWN},
     ],
-    ids=["lengths", "far ahead", "not a number", "unnumbered"],
+    ids=["one channel twice", "far ahead", "negative", "unnumbered", "no command"],
 )
 def test_a_damaged_command_heats_nothing_and_stops_the_rig(tmp_path, damage):
     with Graph(tmp_path, ("relay_board",)) as graph:
         graph.ready()
         commands = graph.node.create_publisher(HeatCommand, "relay_board/commands", COMPLETE)
         wait_until(lambda: commands.get_subscription_count() > 0, 10)
-        commands.publish(HeatCommand(command=HeatCommand.PULSES, run="x", **({"sequence": 1} | damage)))
+        fields = {"command": HeatCommand.PULSES, "sequence": 1, "delay": 0.0, "pulses": ()} | damage
+        fields["delay"] = duration_of(fields["delay"])
+        fields["pulses"] = [Pulse(channel=c, duration=duration_of(s)) for c, s in fields["pulses"]]
+        commands.publish(HeatCommand(run="x", **fields))
         wait_until(lambda: graph.state("relay_board") == "unconfigured", 10)
         assert graph.edges() == [] and graph.processes["relay_board"].poll() is None
         assert "a command of run 'x' is damaged" in graph.stops[-1].reason
@@ -188,7 +195,8 @@ def test_the_relay_board_waits_for_its_port(tmp_path):
         graph.start("relay_board", port=tmp_path / "later", autostart=True)
         wait_until(lambda: "waiting for the relay board's port" in graph.said("relay_board"), 30)
         wait_until(lambda: level(graph, "relay_board")[0] == b"\x01", 10)
-        assert not graph.activate("relay_board"), "it has no such transition"
+        graph.request("relay_board", Transition.TRANSITION_ACTIVATE)  # it has no such transition
+        wait_until(lambda: "Transition is not registered" in graph.said("relay_board"), 10)
         (tmp_path / "later").symlink_to((tmp_path / "board").resolve())
         wait_until(lambda: graph.state("relay_board") == "active", 30)
         assert "cannot open" not in graph.said("relay_board")

@@ -18,7 +18,7 @@ from rclpy.executors import MultiThreadedExecutor  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
 
-from eldir_ros.base.interfaces import COMPLETE  # noqa: E402
+from eldir_ros.base.qualities import COMPLETE  # noqa: E402
 from eldir_ros.base.rig_node import RigNode  # noqa: E402
 
 
@@ -26,12 +26,12 @@ class Busy(RigNode):
     """Gets a picture every 10 ms, and works on each for 30 ms; its timer is always due."""
 
     def __init__(self, **options):
-        super().__init__("busy", **options)
+        super().__init__("robot_model", **options)  # with its parameters
         self.pictures, self.heard = 0, []
         self.every(0.01, lambda: time.sleep(0.03))
-        self.listen("std_msgs/msg/String", "pictures", self._on_picture, COMPLETE)
-        self.listen("std_msgs/msg/String", "run", lambda m: self.heard.append(m.data), COMPLETE)
-        self.serve("std_srvs/srv/Trigger", "stop", self._on_stop_service)
+        self.listen(String, "pictures", self._on_picture, COMPLETE)
+        self.listen(String, "run", lambda m: self.heard.append(m.data), COMPLETE)
+        self.serve(Trigger, "stop", self._on_stop_service)
 
     def _on_picture(self, message):
         self.pictures += 1

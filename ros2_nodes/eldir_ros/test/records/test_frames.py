@@ -25,7 +25,7 @@ from tf2_msgs.msg import TFMessage  # noqa: E402
 from eldir.design import Design  # noqa: E402
 from eldir_hardware.camera.plane import estimate_camera_pose, to_quaternion  # noqa: E402
 from eldir_hardware.run.filming import RobotCamera  # noqa: E402
-from eldir_ros.base.interfaces import COMPLETE, LATCHED, STATIC  # noqa: E402
+from eldir_ros.base.qualities import COMPLETE, LATCHED, STATIC  # noqa: E402
 from eldir_ros.conversions import marks  # noqa: E402
 
 

@@ -20,17 +20,17 @@ from eldir.design import Design
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.safety.compatibility import with_digests
 from eldir_hardware.schedule import ActuationSchedule
-from eldir_ros.programs.launching import example
 from launch import LaunchDescription
 
 
 def generate_test_description():
-    folder = Path(tempfile.mkdtemp())
-    short = json.loads((example() / "schedule.json").read_text())
+    folder, share = Path(tempfile.mkdtemp()), Path(get_package_share_directory("eldir_ros"))
+    example = share / "config"
+    short = json.loads((example / "schedule.json").read_text())
     short |= {"cycles": 1, "conditioning_cycles": 0, "settle_s": 0.5}
-    rig, design = Rig.load(example() / "rig.yaml"), Design.load(example() / "design.json")
+    rig, design = Rig.load(example / "rig.yaml"), Design.load(example / "design.json")
     with_digests(ActuationSchedule.from_json(short), rig, design).save(folder / "schedule.json")
-    launch = Path(get_package_share_directory("eldir_ros")) / "launch" / "virtual_rig.launch.py"
+    launch = share / "launch" / "virtual_rig.launch.py"
     rig = IncludeLaunchDescription(
         PythonLaunchDescriptionSource(str(launch)),
         launch_arguments={"schedule": str(folder / "schedule.json"), "logs": str(folder)}.items(),

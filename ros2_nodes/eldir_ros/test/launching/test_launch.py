@@ -1,0 +1,20 @@
+# Copyright 2026 the developers of eldir
+# Use of this source code is governed by an MIT-style license that can be found in the LICENSE file or at
+# https://opensource.org/licenses/MIT.
+
+"""The launch files, by launch_testing: in a process of its own, whatever the version of pytest."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("launch_testing", reason="needs ROS 2 Jazzy with launch_testing")
+
+
+def test_the_virtual_rig_plays_its_schedule():
+    file = Path(__file__).parent / "virtual_rig_launch_test.py"
+    command = [sys.executable, "-m", "launch_testing.launch_test", str(file)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=180, check=False)
+    assert done.returncode == 0, (done.stdout + done.stderr)[-3000:]
