@@ -15,11 +15,12 @@ RUN apt-get update \
     && rm -rf /var/lib/apt/lists/*
 
 # Keys of both package.xml; ros-jazzy-ros-base has most of them. The lists of the apt repositories are needed meanwhile.
+# What the toolkit needs of PyPI comes with it, into the virtual environment below.
 COPY ros2_nodes /workspace/src
 WORKDIR /workspace
 RUN apt-get update \
     && rosdep update --rosdistro jazzy \
-    && rosdep install --from-paths src --ignore-src --rosdistro jazzy -y \
+    && rosdep install --from-paths src --ignore-src --rosdistro jazzy -y --skip-keys eldir-requirements-pip \
         --dependency-types=buildtool --dependency-types=build --dependency-types=exec \
     && rm -rf /var/lib/apt/lists/*
 

@@ -81,7 +81,7 @@ _BELOW: dict[str, dict[str, list[str]]] = {
             "reference/report",
         ],
     },
-    "reference/ros": {"": ["reference/ros2", "ros2", "ros2-nodes"]},
+    "reference/ros": {"": ["reference/ros2", "reference/ros-interface", "ros2", "ros2-nodes"]},
     "reference/commands": {"": ["generated/commands/*"]},
     "reference/files": {"": ["generated/formats/*"]},
     "reference/python": {"": [f"generated/python/{module}" for module in python_pages.MODULES]},

@@ -1,7 +1,7 @@
 """Writes reference/ros-interface.md: topics, services and actions of the running nodes, and their parameters.
 
-`python docs/site/ros_interface.py [PAGE]` on a machine with ROS 2, in the environment of the nodes. It starts the virtual
-rig's nodes on a private domain, activates them, and asks the graph.
+`python docs/site/ros_interface.py [PAGE]` on a machine with ROS 2, in the environment of the nodes. It starts
+the virtual rig's nodes on a private domain, activates them, and asks the graph.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from eldir_ros.base.parameter_table import PARAMETERS, ParameterSpec  # noqa: E4
 PAGE = ROOT / "docs" / "reference" / "ros-interface.md"
 _HEAD = """# Public interface of the nodes
 
-Written by `docs/site/ros_interface.py` from the nodes of `virtual_rig.launch.py` on a graph, for a rig with two springs; a
-test holds it. What the names mean: [the rig on a ROS 2 graph](ros2.md). Left out is what every ROS node has: `/rosout`,
-`/parameter_events`, `/clock`, services for parameters, and those of the lifecycle.
+Written by `docs/site/ros_interface.py` from the nodes of `virtual_rig.launch.py` on a graph; a test
+holds it. What the names mean: [the rig on a ROS 2 graph](ros2.md). Left out is what every ROS node has:
+`/rosout`, `/parameter_events`, `/clock`, services for parameters, and those of the lifecycle.
 
 """
 _OF_EVERY_NODE = ("/rosout", "/parameter_events", "/clock")

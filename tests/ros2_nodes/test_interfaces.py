@@ -1,16 +1,22 @@
 """What of the nodes' interfaces can be held without ROS: imports, private names, stubs, parameters."""
 
 import ast
+import json
+import re
+import runpy
 import subprocess
 import sys
+import tomllib
 
 import pytest
+import yaml
 
 from eldir_ros.base.parameter_table import PARAMETERS
-from tests.paths import NODES
+from tests.paths import NODES, ROOT
 from tests.ros2_nodes.message_types import STUBS
 
 MODULES = sorted((NODES / "eldir_ros").rglob("*.py"))
+INTERFACE = ROOT / "docs" / "reference" / "ros-interface.md"
 UNITS = {"s", "hz", "c"}
 
 
@@ -89,3 +95,62 @@ def test_every_parameter_is_read_and_every_one_that_is_read_is_declared():
             and isinstance(c.args[1], ast.Constant)
         }
         assert read <= {spec.name for spec in specs}, node
+
+
+def test_the_page_of_the_interface_lists_the_parameters_of_the_table():
+    """`python docs/site/ros_interface.py`, where ROS is, writes topics and services too."""
+    section = runpy.run_path(str(ROOT / "docs" / "site" / "ros_interface.py"))["parameters_section"]()
+    assert INTERFACE.read_text().endswith(section)
+
+
+def test_the_page_of_the_interface_has_the_topics_of_the_nodes():
+    """As far as their names are texts in the source; types of our own have a definition."""
+    page = INTERFACE.read_text()
+    for node in PARAMETERS:
+        tree = ast.parse((NODES / "eldir_ros" / "nodes" / f"{node}.py").read_text())
+        section = page.partition(f"## {node}\n")[2].partition("\n## ")[0]
+        for call in (n for n in ast.walk(tree) if isinstance(n, ast.Call)):
+            name = call.func.attr if isinstance(call.func, ast.Attribute) else ""
+            if name in ("advertise", "listen", "serve") and isinstance(call.args[1], ast.Constant):
+                topic = "/" + call.args[1].value.replace("~", node).lstrip("/")
+                assert f"`{topic}`" in section, f"{node}: {topic}"
+    own = set(re.findall(r"eldir_msgs/(\w+)", page))
+    defined = {p.stem for p in (NODES.parent / "eldir_msgs").glob("*/*.*")}
+    assert own and own <= defined
+
+
+def test_viewers_show_topics_of_the_nodes():
+    """The configuration of RViz, whose names are within the rig's namespace, and the layout of Foxglove."""
+    page, config = INTERFACE.read_text(), NODES / "config"
+    displays = yaml.safe_load((config / "rig.rviz").read_text())["Visualization Manager"]["Displays"]
+    shown = [d.get("Topic", d.get("Description Topic", {})).get("Value") for d in displays]
+    panels = json.loads((config / "foxglove.json").read_text())["configById"].values()
+    in_layout = {name for panel in panels for name in panel.get("topics", {})}
+    in_layout |= {name for panel in panels for name in panel.get("imageMode", {}).values()}
+    in_layout |= {path["value"].split(".")[0] for panel in panels for path in panel.get("paths", [])}
+    assert {"robot_springs", "predicted/robot_springs", "marks"} <= {name for name in shown if name}
+    assert "/predicted/robot_springs" in in_layout
+    for name in {f"/{name}" for name in shown if name} | in_layout:
+        assert f"`{name}`" in page or name == "/diagnostics", name
+
+
+def test_what_comes_from_pypi_has_a_key_of_rosdep():
+    keys = yaml.safe_load((NODES.parent / "rosdep.yaml").read_text())
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert keys["eldir-requirements-pip"]["ubuntu"]["pip"]["packages"] == project["dependencies"]
+    package = (NODES / "package.xml").read_text()
+    assert "<exec_depend>eldir-requirements-pip</exec_depend>" in package
+
+
+def test_the_foreign_client_has_thirty_lines_and_imports_nothing_of_ours():
+    text = (NODES / "examples" / "foreign_client.py").read_text()
+    imported = {n.module for n in ast.walk(ast.parse(text)) if isinstance(n, ast.ImportFrom)}
+    assert imported == {
+        "pathlib",
+        "builtin_interfaces.msg",
+        "eldir_msgs.action",
+        "eldir_msgs.msg",
+        "rclpy.action",
+    }
+    body = text[text.index("FACES =") :]
+    assert len([line for line in body.splitlines() if line.strip()]) <= 30

@@ -2,7 +2,7 @@
 # Use of this source code is governed by an MIT-style license that can be found in the LICENSE file or at
 # https://opensource.org/licenses/MIT.
 
-"""A client of a rig with nothing but generated messages: python foreign_client.py SCHEDULE.json [CANCEL_AFTER_S]."""
+"""A client of a rig with generated messages only: python foreign_client.py SCHEDULE.json [CANCEL_AFTER_S]."""
 
 import hashlib
 import json

@@ -2,7 +2,7 @@
 # Use of this source code is governed by an MIT-style license that can be found in the LICENSE file or at
 # https://opensource.org/licenses/MIT.
 
-"""The public interface of the nodes is the one that the reference lists, and an inactive node publishes none."""
+"""The public interface of the nodes is what the reference lists; an inactive node publishes nothing."""
 
 import ast
 import inspect
@@ -71,9 +71,8 @@ def test_the_stubs_are_those_of_the_installed_rclpy():
     """Every class, method and parameter in the stubs exists, so that checking against them means something."""
     folder, lacking = ROOT / "ros2_nodes" / "stubs", []
     for stub in sorted([*(folder / "rclpy").rglob("*.pyi"), *(folder / "diagnostic_updater").rglob("*.pyi")]):
-        module = import_module(
-            ".".join(stub.relative_to(folder).with_suffix("").parts).removesuffix(".__init__")
-        )
+        name = ".".join(stub.relative_to(folder).with_suffix("").parts)
+        module = import_module(name.removesuffix(".__init__"))
         for node in ast.parse(stub.read_text()).body:
             if isinstance(node, ast.FunctionDef):
                 lacking += missing(module, node, module.__name__)
