@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 PACKAGE = str(Path(__file__).parents[1])
-LINE_LENGTH = "110"  # of the whole repository, by ruff; ament's default is 99
+CONFIGURATION = str(Path(__file__).parents[1] / "ament_flake8.ini")
 OTHER_STYLE = {
     "D205": "a summary may have two lines, so no blank line follows its first one",
     "D209": "such a summary ends with the quotes on its last line",
@@ -24,14 +24,14 @@ OTHER_STYLE = {
 
 
 def test_every_file_names_its_licence():
-    copyright = pytest.importorskip("ament_copyright.main", reason="needs ament_copyright")
-    assert copyright.main(argv=[PACKAGE]) == 0
+    names = pytest.importorskip("ament_copyright.main", reason="needs ament_copyright")
+    assert names.main(argv=[PACKAGE]) == 0
 
 
-def test_flake8_with_lines_of_110():
+def test_flake8_with_the_exceptions_of_its_file():
     pytest.importorskip("ament_flake8.main", reason="needs ament_flake8")
     # In a process of its own: flake8 forks, and a fork of a process with ROS threads may never end.
-    command = [sys.executable, "-m", "ament_flake8.main", "--linelength", LINE_LENGTH, PACKAGE]
+    command = [sys.executable, "-m", "ament_flake8.main", "--config", CONFIGURATION, PACKAGE]
     done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode == 0, done.stdout
 

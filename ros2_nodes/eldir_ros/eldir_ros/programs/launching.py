@@ -147,7 +147,7 @@ def rig_nodes(
 
 
 def viewers() -> list[Action]:
-    """RViz or the bridge to Foxglove, as the argument `view` says."""
+    """The viewer that the argument `view` names: RViz, or the bridge to Foxglove."""
     view = LaunchConfiguration("view")
     frame = IfElseSubstitution(NotEqualsSubstitution(Namespace(), ""), [Namespace(), "/ground"], "ground")
     return [

@@ -8,6 +8,7 @@ import json
 import os
 import signal
 import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -19,7 +20,7 @@ pytest.importorskip("eldir_msgs", reason="needs the package eldir_msgs, built by
 from ament_index_python.packages import get_package_prefix  # noqa: E402
 from eldir_msgs.action import RunSchedule  # noqa: E402
 from graph import Graph, message_of, wait_until  # noqa: E402
-from schedules import LONG, SHORT  # noqa: E402
+from schedules import CONFIG, LONG, SHORT  # noqa: E402
 
 from eldir_ros.conversions import runs  # noqa: E402
 
@@ -150,3 +151,24 @@ def test_a_graph_that_refuses_the_client_is_told_in_one_line(tmp_path, monkeypat
         assert done.returncode == 1
         assert len(done.stderr.splitlines()) == 1, done.stderr
         assert "found enclave /eldir/client; name an enclave that may do it" in done.stderr
+
+
+def test_a_foreign_client_of_thirty_lines_runs_a_schedule_watches_and_cancels(graph):
+    """With generated messages only: `examples/foreign_client.py`."""
+    client = str(CONFIG.parent / "examples" / "foreign_client.py")
+    (graph.folder / "short.json").write_text(json.dumps(SHORT))
+    command = [sys.executable, client, str(graph.folder / "short.json")]
+    done = subprocess.run(
+        command, env=graph.environment, capture_output=True, text=True, timeout=90, check=True
+    )
+    *feedback, last = done.stdout.splitlines()
+    assert last == "played to the end True" and len(graph.edges()) == 4, done.stdout
+    assert any(line.startswith("[1, 2] [") for line in feedback), "both contacts are closed"
+    time.sleep(8.0)  # the springs rest
+    command = [sys.executable, client, str(graph.folder / "schedule.json"), "4.0"]
+    cancelled = heated_by(
+        graph, lambda: subprocess.Popen(command, env=graph.environment, stdout=subprocess.PIPE)
+    )
+    said = cancelled.communicate(timeout=60)[0].decode().splitlines()
+    assert said[-1] == "cancelled; everything was switched off True" and graph.all_off()
+    assert sum(closed for _, _, closed in graph.edges()) == 4, "two contacts in each run"
