@@ -80,9 +80,11 @@ class Graph:
         namespace: str = "",
         beside: Graph | None = None,
         simulated: tuple[str, ...] = (),
+        rig: Path = CONFIG / "rig.yaml",
+        design: Path = CONFIG / "design.json",
     ):
         self.folder, self._names, self._namespace = folder, nodes, namespace
-        self._simulated = simulated
+        self._simulated, self._files = simulated, {"rig": rig, "design": design}
         self.domain: int = next(_DOMAINS) if beside is None else beside.domain
         self.processes: dict[str, subprocess.Popen[bytes]] = {}
         self.feedback: list[Any] = []
@@ -149,8 +151,7 @@ class Graph:
     def start(self, name: str, *arguments: str, **parameters: object) -> subprocess.Popen[bytes]:
         """Start a node in a process of its own."""
         own: dict[str, object] = {
-            "rig": CONFIG / "rig.yaml",
-            "design": CONFIG / "design.json",
+            **self._files,
             "port": self.folder / "board",
             "trace": self.folder / "trace.jsonl",
             "folder": self.folder,

@@ -1,0 +1,78 @@
+# Copyright 2026 the developers of eldir
+# Use of this source code is governed by an MIT-style license that can be found in the LICENSE file or at
+# https://opensource.org/licenses/MIT.
+
+"""Markers of the kind that the rig file names, on a table and on a printed ground."""
+
+import json
+from dataclasses import replace
+from importlib.util import find_spec
+
+import numpy as np
+import pytest
+
+rclpy = pytest.importorskip("rclpy", reason="needs ROS 2 Jazzy")
+pytest.importorskip("eldir_msgs", reason="needs the package eldir_msgs, built by colcon")
+
+from geometry_msgs.msg import PoseArray  # noqa: E402
+from graph import NODES, Graph, wait_until  # noqa: E402
+from schedules import CONFIG, MIDDLE  # noqa: E402
+from sensor_msgs.msg import CompressedImage  # noqa: E402
+from visualization_msgs.msg import MarkerArray  # noqa: E402
+
+from eldir.design import Design  # noqa: E402
+from eldir.parameters.printed import BuiltParameters  # noqa: E402
+from eldir.terrain import Terrain  # noqa: E402
+from eldir_hardware.log.reader import read_log  # noqa: E402
+from eldir_hardware.rig.configuration import Rig  # noqa: E402
+from eldir_hardware.safety.compatibility import with_digests  # noqa: E402
+from eldir_hardware.schedule import ActuationSchedule  # noqa: E402
+from eldir_hardware.vision.pipeline import track_log  # noqa: E402
+from eldir_ros.base.qualities import COMPLETE  # noqa: E402
+from eldir_ros.conversions import marks, nanoseconds, runs  # noqa: E402
+
+
+@pytest.mark.parametrize("kind", ["aruco", "apriltag"])
+def test_markers_of_the_rig_files_kind_are_tracked(tmp_path, kind):
+    rig = tmp_path / "rig.yaml"
+    rig.write_text((CONFIG / "rig.yaml").read_text() + f"marker: {kind}\n")
+    seen, truth, found = {}, {}, []
+    design = Design.load(CONFIG / "design.json")
+    with Graph(tmp_path, ("camera", "mass_tracker"), rig=rig) as graph:
+        listen = graph.node.create_subscription
+        listen(MarkerArray, "marks", lambda m: seen.update([marks.tracks_from(m)[::2]]), COMPLETE)
+        listen(PoseArray, "bench/masses", lambda m: truth.update({nanoseconds(m.header.stamp): m}), COMPLETE)
+        if find_spec("vision_msgs"):
+            from vision_msgs.msg import Detection2DArray
+
+            listen(Detection2DArray, "marks/detections", found.append, COMPLETE)
+        graph.ready()
+        assert f"markers: {kind}" in graph.said("mass_tracker")
+        wait_until(lambda: any(t in truth and np.isfinite(p).all() for t, p in list(seen.items())), 60)
+    stamp, places = next((t, p) for t, p in seen.items() if t in truth and np.isfinite(p).all())
+    wanted = marks.positions_from(truth[stamp])[design.marks]
+    off = np.linalg.norm(places - wanted, axis=1)
+    print(f"{kind}: at most {1e3 * off.max():.2f} mm from the true places")
+    assert off.max() < 2e-3
+    assert not found or {d.id for d in found[-1].detections} <= {"m1", "m2", "m3", "m4", "m5"}
+
+
+def test_a_run_on_a_printed_ground_is_tracked_and_recorded(tmp_path):
+    ground = Terrain.rugged(np.random.default_rng(2)).scaled(BuiltParameters().scale)
+    design, rig = replace(Design.load(CONFIG / "design.json"), printed_terrain=ground), CONFIG / "rig.yaml"
+    design.save(tmp_path / "design.json")
+    schedule = with_digests(ActuationSchedule.from_json(MIDDLE), Rig.load(rig), design)
+    pictures = []
+    with Graph(tmp_path, NODES, design=tmp_path / "design.json") as graph:
+        listen = graph.node.create_subscription
+        listen(CompressedImage, "marks/overlay/compressed", pictures.append, COMPLETE)
+        graph.ready()
+        result = graph.result(graph.send(schedule.to_json()))
+        assert result.outcome == runs.FINISHED, result.message
+        wait_until(lambda: "wrote" in graph.said("mcap_recorder"), 20)
+        wait_until(lambda: "cycle 1: tracked" in graph.said("range_of_motion"), 30)
+        assert pictures and "Traceback" not in graph.said("mass_tracker")
+    (log,) = map(read_log, tmp_path.glob("run-*/log.mcap"))
+    assert Design.from_json(json.loads(log.attachments["design.json"])) == design
+    np.testing.assert_array_equal(log.tracks.positions, track_log(log).positions)
+    assert np.isfinite(log.tracks.positions).all()
