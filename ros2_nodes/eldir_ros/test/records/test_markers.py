@@ -18,6 +18,7 @@ from geometry_msgs.msg import PoseArray  # noqa: E402
 from graph import NODES, Graph, wait_until  # noqa: E402
 from schedules import CONFIG, MIDDLE  # noqa: E402
 from sensor_msgs.msg import CompressedImage  # noqa: E402
+from tf2_msgs.msg import TFMessage  # noqa: E402
 from visualization_msgs.msg import MarkerArray  # noqa: E402
 
 from eldir.design import Design  # noqa: E402
@@ -57,14 +58,29 @@ def test_markers_of_the_rig_files_kind_are_tracked(tmp_path, kind):
     assert not found or {d.id for d in found[-1].detections} <= {"m1", "m2", "m3", "m4", "m5"}
 
 
-def test_a_run_on_a_printed_ground_is_tracked_and_recorded(tmp_path):
+def test_a_run_on_a_printed_ground_is_tracked_recorded_and_shown_beside_its_prediction(tmp_path):
     ground = Terrain.rugged(np.random.default_rng(2)).scaled(BuiltParameters().scale)
     design, rig = replace(Design.load(CONFIG / "design.json"), printed_terrain=ground), CONFIG / "rig.yaml"
     design.save(tmp_path / "design.json")
     schedule = with_digests(ActuationSchedule.from_json(MIDDLE), Rig.load(rig), design)
-    pictures = []
-    with Graph(tmp_path, NODES, design=tmp_path / "design.json") as graph:
+    pictures, predicted, drawn, moved = [], {}, [], {}
+
+    def on_frames(message):
+        for t in message.transforms:
+            if t.child_frame_id in ("hub_00_at_x", "predicted/hub_00_at_x"):
+                place = moved.setdefault(t.child_frame_id, {})
+                place[nanoseconds(t.header.stamp)] = t.transform.translation.x
+
+    with Graph(tmp_path, (*NODES, "robot_model"), design=tmp_path / "design.json") as graph:
         listen = graph.node.create_subscription
+        listen(
+            PoseArray,
+            "predicted/masses",
+            lambda m: predicted.update({nanoseconds(m.header.stamp): m}),
+            COMPLETE,
+        )
+        listen(MarkerArray, "predicted/robot_springs", drawn.append, COMPLETE)
+        listen(TFMessage, "/tf", on_frames, COMPLETE)
         listen(CompressedImage, "marks/overlay/compressed", pictures.append, COMPLETE)
         graph.ready()
         result = graph.result(graph.send(schedule.to_json()))
@@ -75,4 +91,13 @@ def test_a_run_on_a_printed_ground_is_tracked_and_recorded(tmp_path):
     (log,) = map(read_log, tmp_path.glob("run-*/log.mcap"))
     assert Design.from_json(json.loads(log.attachments["design.json"])) == design
     np.testing.assert_array_equal(log.tracks.positions, track_log(log).positions)
+    assert {m.ns for m in drawn[0].markers} == {"predicted strips", "predicted coils"}
+    both = sorted(set(moved["hub_00_at_x"]) & set(moved["predicted/hub_00_at_x"]) & set(predicted))
+    apart = [moved["hub_00_at_x"][t] - moved["predicted/hub_00_at_x"][t] for t in both]
+    print(
+        f"{len(both)} instants of both robots, the first hub at most {1e3 * np.abs(apart).max():.1f} mm apart"
+    )
+    assert len(both) > 20 and np.abs(apart).max() < 0.05, "over each other"
+    for t in both[:3]:
+        assert marks.positions_from(predicted[t])[0, 0] == moved["predicted/hub_00_at_x"][t]
     assert np.isfinite(log.tracks.positions).all()
