@@ -3,11 +3,14 @@
 import json
 import re
 
+import numpy as np
 import pytest
+from rosbags.highlevel import AnyReader
 
 from eldir.core.yaml_files import parse_yaml
 from eldir.errors import InputError
 from eldir_app.catalogue.facts import notes_file, read_notes, write_notes
+from eldir_hardware.log.reader import read_log
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.safety.compatibility import rig_digests, schedule_digest
 from eldir_hardware.schedule import ActuationSchedule
@@ -86,3 +89,17 @@ def test_a_log_with_old_names_has_the_same_rig():
 def test_a_schedule_fits_the_rig_whose_entries_have_other_names():
     written = ActuationSchedule.load(PRESENT.with_name("schedule.json")).provenance.digests
     assert written is not None and written.rig == rig_digests(Rig.load(PRESENT))
+
+
+def test_a_log_with_positions_for_contacts_and_currents_is_read():
+    """As version 0.1.0 wrote them: sensor_msgs/JointState."""
+    with AnyReader([OLD / "currents.mcap"]) as reader:
+        kinds = {c.topic: c.msgtype for c in reader.connections}
+    assert kinds["/relays"] == kinds["/currents"] == "sensor_msgs/msg/JointState"
+    log = read_log(OLD / "currents.mcap")
+    assert log.channels == ("channel1", "channel2") and log.springs == ("spring0_back", "spring0_front")
+    assert log.relays[:, 0].tolist() == [False, True, True, True, False, False]
+    assert log.relays[:, 1].tolist() == [False, False, True, True, True, True]
+    front = log.springs.index("spring0_front")
+    assert log.currents[:, front].tolist() == [0.0, 3.25, 3.25, 3.25, 0.0, 0.0]
+    assert np.isnan(log.currents[:, 1 - front]).all() and (log.voltages[:, front] == 3.0).all()
