@@ -97,7 +97,7 @@ def test_a_log_with_positions_for_contacts_and_currents_is_read():
         kinds = {c.topic: c.msgtype for c in reader.connections}
     assert kinds["/relays"] == kinds["/currents"] == "sensor_msgs/msg/JointState"
     log = read_log(OLD / "currents.mcap")
-    assert log.channels == ("channel1", "channel2") and log.springs == ("spring0_back", "spring0_front")
+    assert log.channels == ("channel1", "channel2") and log.springs == ("spring0_front", "spring0_back")
     assert log.relays[:, 0].tolist() == [False, True, True, True, False, False]
     assert log.relays[:, 1].tolist() == [False, False, True, True, True, True]
     front = log.springs.index("spring0_front")
