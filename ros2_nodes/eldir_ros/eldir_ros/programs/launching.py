@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Iterable, Mapping
+from functools import cache
 from typing import Any
 
 from launch.action import Action
@@ -91,16 +92,19 @@ def view_argument() -> DeclareLaunchArgument:
     )
 
 
+@cache
 def text(name: str) -> ParameterValue:
     """The value of a launch argument as a text."""
     return ParameterValue(LaunchConfiguration(name), value_type=str)
 
 
+@cache
 def flag(name: str) -> ParameterValue:
     """The value of a launch argument that is true or false."""
     return ParameterValue(LaunchConfiguration(name), value_type=bool)
 
 
+@cache
 def number(name: str) -> ParameterValue:
     """The value of a launch argument that is a number."""
     return ParameterValue(LaunchConfiguration(name), value_type=float)
@@ -140,7 +144,9 @@ def rig_nodes(
     ]
     together: dict[str, Any] = {"use_sim_time": flag("use_sim_time")}
     for own in values.values():
-        together |= own
+        other = sorted(name for name, value in own.items() if together.setdefault(name, value) is not value)
+        if other:  # one node's `autostart` must not become that of all
+            raise ValueError(f"nodes in one process have different values of {', '.join(other)}")
     names = [IfElseSubstitution(wanted[n], n, "") if n in wanted else n for n in values]
     one = _process("rig_process", arguments=names, parameters=[together], condition=IfCondition(composed))
     return [*alone, one]
