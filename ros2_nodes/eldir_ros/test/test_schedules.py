@@ -7,7 +7,7 @@
 import json
 
 import pytest
-from schedules import CONFIG, LONG, MIDDLE, SHORT
+from schedules import CONFIG, LONG, MIDDLE, SHORT, SLOW
 
 from eldir.design import Design
 from eldir_hardware.rig.configuration import Rig
@@ -18,7 +18,9 @@ from eldir_hardware.schedule import ActuationSchedule
 EXAMPLE = json.loads((CONFIG / "schedule.json").read_text())
 
 
-@pytest.mark.parametrize("values", [LONG, MIDDLE, SHORT, EXAMPLE], ids=["long", "middle", "short", "example"])
+@pytest.mark.parametrize(
+    "values", [LONG, MIDDLE, SLOW, SHORT, EXAMPLE], ids=["long", "middle", "slow", "short", "example"]
+)
 def test_the_examples_rig_allows_the_schedule(values):
     plan, rig = ActuationSchedule.from_json(values), Rig.load(CONFIG / "rig.yaml")
     limits.check_schedule(plan, rig)

@@ -18,7 +18,7 @@ pytest.importorskip("rosbag2_py", reason="needs rosbag2")
 from eldir_msgs.msg import RangeOfMotion  # noqa: E402
 from graph import Graph, wait_until  # noqa: E402
 from mcap.reader import make_reader  # noqa: E402
-from schedules import MIDDLE  # noqa: E402
+from schedules import SLOW  # noqa: E402
 from visualization_msgs.msg import MarkerArray  # noqa: E402
 
 from eldir_hardware.log.reader import read_log  # noqa: E402
@@ -40,7 +40,7 @@ def recorded(tmp_path_factory):
         bag = subprocess.Popen(command, env=graph.environment)
         graph.ready()
         wait_until(lambda: list((folder / "bag").glob("*.mcap")), 30)
-        assert graph.result(graph.send(MIDDLE)).outcome == runs.FINISHED
+        assert graph.result(graph.send(SLOW), 90).outcome == runs.FINISHED
         wait_until(lambda: "wrote" in graph.said("mcap_recorder") and ranges, 40)
         bag.send_signal(signal.SIGINT)
         assert bag.wait(30) == 0
@@ -99,6 +99,7 @@ def test_our_log_played_by_rosbag2_gives_the_same_numbers(recorded, tmp_path):
         wait_until(lambda: again and len(seen) == len(wanted.times), 30)
     np.testing.assert_array_equal(np.array([seen[s] for s in sorted(seen)]), wanted.positions)
     (live,), (replayed,) = ranges, again
+    assert len(live.tracked) == len(live.predicted) == 5
     for field in ("cycle", "displacement", "markers", "simulated", "predicted", "tracked"):
         assert getattr(live, field) == getattr(replayed, field), field
     with log.open("rb") as file:

@@ -16,7 +16,7 @@ pytest.importorskip("eldir_msgs", reason="needs the package eldir_msgs, built by
 
 from geometry_msgs.msg import PoseArray  # noqa: E402
 from graph import NODES, Graph, wait_until  # noqa: E402
-from schedules import CONFIG, MIDDLE  # noqa: E402
+from schedules import CONFIG, SLOW  # noqa: E402
 from sensor_msgs.msg import CompressedImage  # noqa: E402
 from tf2_msgs.msg import TFMessage  # noqa: E402
 from visualization_msgs.msg import MarkerArray  # noqa: E402
@@ -36,7 +36,9 @@ from eldir_ros.conversions import marks, nanoseconds, runs  # noqa: E402
 @pytest.mark.parametrize("kind", ["aruco", "apriltag"])
 def test_markers_of_the_rig_files_kind_are_tracked(tmp_path, kind):
     rig = tmp_path / "rig.yaml"
-    rig.write_text((CONFIG / "rig.yaml").read_text() + f"marker: {kind}\n")
+    large = "camera: {kind: virtual, rate_hz: 5, width: 1280, height: 960}"  # squares need 24 pixels
+    text = (CONFIG / "rig.yaml").read_text().replace("camera: {kind: virtual, rate_hz: 10}", large)
+    rig.write_text(f"{text}marker: {kind}\n")
     seen, truth, found = {}, {}, []
     design = Design.load(CONFIG / "design.json")
     with Graph(tmp_path, ("camera", "mass_tracker"), rig=rig) as graph:
@@ -62,7 +64,7 @@ def test_a_run_on_a_printed_ground_is_tracked_recorded_and_shown_beside_its_pred
     ground = Terrain.rugged(np.random.default_rng(2)).scaled(BuiltParameters().scale)
     design, rig = replace(Design.load(CONFIG / "design.json"), printed_terrain=ground), CONFIG / "rig.yaml"
     design.save(tmp_path / "design.json")
-    schedule = with_digests(ActuationSchedule.from_json(MIDDLE), Rig.load(rig), design)
+    schedule = with_digests(ActuationSchedule.from_json(SLOW), Rig.load(rig), design)
     pictures, predicted, drawn, moved = [], {}, [], {}
 
     def on_frames(message):
@@ -83,7 +85,7 @@ def test_a_run_on_a_printed_ground_is_tracked_recorded_and_shown_beside_its_pred
         listen(TFMessage, "/tf", on_frames, COMPLETE)
         listen(CompressedImage, "marks/overlay/compressed", pictures.append, COMPLETE)
         graph.ready()
-        result = graph.result(graph.send(schedule.to_json()))
+        result = graph.result(graph.send(schedule.to_json()), 90)
         assert result.outcome == runs.FINISHED, result.message
         wait_until(lambda: "wrote" in graph.said("mcap_recorder"), 20)
         wait_until(lambda: "cycle 1: tracked" in graph.said("range_of_motion"), 30)
