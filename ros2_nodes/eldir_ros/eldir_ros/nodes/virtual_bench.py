@@ -18,6 +18,7 @@ from geometry_msgs.msg import PoseArray
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
+from eldir.built.ground import lay_on_table
 from eldir.core.arguments import require_value
 from eldir.design import Design
 from eldir.errors import EldirError
@@ -69,7 +70,14 @@ class VirtualBenchNode(Node):
             "drive this rig with `eldir rig drive`",
         )
         body = opened.enter_context(
-            BodyProcess(virtual.physics, design.morphology, virtual.seed, springs, design.ballast)
+            BodyProcess(
+                virtual.physics,
+                design.morphology,
+                virtual.seed,
+                springs,
+                design.ballast,
+                terrain=lay_on_table(design),
+            )
         )
         self._rig = opened.enter_context(VirtualRig(rig, body))
         port = self._rig.emulator.port
