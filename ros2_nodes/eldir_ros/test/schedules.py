@@ -42,7 +42,7 @@ def schedule(pulse: float, period: float) -> dict[str, Any]:
 LONG = schedule(pulse=5.0, period=20.0)
 """Heats long enough to be interrupted."""
 MIDDLE = schedule(pulse=3.0, period=14.0)
-SLOW = schedule(pulse=3.0, period=30.0)
+SLOW = schedule(pulse=3.0, period=50.0)
 """Lasts longer than its prediction takes to compute."""
 SHORT = schedule(pulse=1.0, period=9.5)
 """Over soon."""

@@ -40,7 +40,7 @@ def recorded(tmp_path_factory):
         bag = subprocess.Popen(command, env=graph.environment)
         graph.ready()
         wait_until(lambda: list((folder / "bag").glob("*.mcap")), 30)
-        assert graph.result(graph.send(SLOW), 90).outcome == runs.FINISHED
+        assert graph.result(graph.send(SLOW), 120).outcome == runs.FINISHED
         wait_until(lambda: "wrote" in graph.said("mcap_recorder") and ranges, 40)
         bag.send_signal(signal.SIGINT)
         assert bag.wait(30) == 0

@@ -85,7 +85,7 @@ def test_a_run_on_a_printed_ground_is_tracked_recorded_and_shown_beside_its_pred
         listen(TFMessage, "/tf", on_frames, COMPLETE)
         listen(CompressedImage, "marks/overlay/compressed", pictures.append, COMPLETE)
         graph.ready()
-        result = graph.result(graph.send(schedule.to_json()), 90)
+        result = graph.result(graph.send(schedule.to_json()), 120)
         assert result.outcome == runs.FINISHED, result.message
         wait_until(lambda: "wrote" in graph.said("mcap_recorder"), 20)
         wait_until(lambda: "cycle 1: tracked" in graph.said("range_of_motion"), 30)
