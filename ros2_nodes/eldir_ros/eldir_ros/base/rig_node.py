@@ -33,11 +33,12 @@ from eldir_ros.remote.heartbeats import PERIOD, Heartbeats
 _SHUTDOWN_TIMEOUT = 8.0  # until everything is off [s]
 _RETRY_INTERVAL = 1.0  # between two attempts to start [s]
 ALIVE, STOP = "alive", "emergency_stop"
-UNCONFIGURED, INACTIVE, ACTIVATING, ACTIVE, FINALIZED = (
+UNCONFIGURED, INACTIVE, ACTIVATING, ACTIVE, DEACTIVATING, FINALIZED = (
     "unconfigured",
     "inactive",
     "activating",
     "active",
+    "deactivating",
     "finalized",
 )
 """States of the lifecycle."""
@@ -46,6 +47,7 @@ _IDS = {
     INACTIVE: State.PRIMARY_STATE_INACTIVE,
     ACTIVATING: State.TRANSITION_STATE_ACTIVATING,
     ACTIVE: State.PRIMARY_STATE_ACTIVE,
+    DEACTIVATING: State.TRANSITION_STATE_DEACTIVATING,
     FINALIZED: State.PRIMARY_STATE_FINALIZED,
 }
 _Message = TypeVar("_Message")
@@ -200,6 +202,7 @@ class RigNode(LifecycleNode):
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         with self.transition:
+            self._state = DEACTIVATING
             self._change(self.halt, INACTIVE, otherwise=INACTIVE)
             return super().on_deactivate(state)  # last: `halt` may publish how it ended
 

@@ -77,12 +77,17 @@ class ActuationSequencerNode(RigNode):
         self._rig = Rig.load(get_file(self, "rig"))
 
     def halt(self) -> None:
-        self._interrupt(runs.STOPPED, "the sequencer was deactivated")
+        self._end_runs("the sequencer was deactivated")
 
     def close(self) -> None:
-        self._interrupt(runs.STOPPED, "the sequencer was shut down")
+        self._end_runs("the sequencer was shut down")
+        self._rig = None
+
+    def _end_runs(self, why: str) -> None:
+        """End every goal, and wait until everything is off: later no command can be published any more."""
+        self._interrupt(runs.STOPPED, why)
         with self._playing_lock:
-            self._rig = None
+            pass
 
     def _interrupt(self, outcome: int, why: str) -> None:
         """End every goal."""
