@@ -61,7 +61,9 @@ def test_markers_of_the_rig_files_kind_are_tracked(tmp_path, kind):
 
 
 def test_a_run_on_a_printed_ground_is_tracked_recorded_and_shown_beside_its_prediction(tmp_path):
-    ground = Terrain.rugged(np.random.default_rng(2)).scaled(BuiltParameters().scale)
+    steep = Terrain.rugged(np.random.default_rng(2)).scaled(BuiltParameters().scale)
+    # On a fifth of its heights the robot does not tumble, which no prediction would follow.
+    ground = replace(steep, slope=0.2 * steep.slope, intercept=0.2 * steep.intercept)
     design, rig = replace(Design.load(CONFIG / "design.json"), printed_terrain=ground), CONFIG / "rig.yaml"
     design.save(tmp_path / "design.json")
     schedule = with_digests(ActuationSchedule.from_json(SLOW), Rig.load(rig), design)
