@@ -89,11 +89,10 @@ def read(path: Path, columns: list[str] | None = None, optional: Sequence[str] =
             if optional:
                 columns = [*columns, *(k for k in pq.read_schema(path).names if k in optional)]
             return pq.read_table(path, columns=columns, page_checksum_verification=True)
-        # In one thread: another one that still held these bytes at the program's end would abort it.
+        # Without `read_table`, which starts threads: one that still starts at the program's end aborts it.
         data = pa.BufferReader(path.read_bytes())
-        return pq.read_table(
-            data, columns=columns, page_checksum_verification=True, use_threads=False, pre_buffer=False
-        )
+        file = pq.ParquetFile(data, page_checksum_verification=True, pre_buffer=False)
+        return file.read(columns, use_threads=False)
     except FileNotFoundError as error:
         raise not_read(path, error, "check the run folder") from None
     except (OSError, pa.ArrowException) as error:
