@@ -44,15 +44,20 @@ def emulated(kind: str, channels: int = 4) -> Iterator[EmulatedBoard]:
 
 @contextmanager
 def heating_program(
-    board: EmulatedBoard, rig: Path, before: str = "", server: Sequence[str] = ()
+    board: EmulatedBoard,
+    rig: Path,
+    before: str = "",
+    *,
+    child_guardian: bool = False,
+    server: Sequence[str] = (),
 ) -> Iterator[tuple[Forked, int]]:
     """A program that heats channels 1 and 3 through a guardian; and the number of the guardian's process.
 
-    `before`: code that it runs first; `server`: words before the process from which it is forked.
+    `before`: code that it runs first; `child_guardian` and `server` as of `Forked`.
     """
     words = [sys.executable, "-c", before + HEAT, str(rig)]
     with Forked(
-        words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, child_guardian=bool(before), server=server
+        words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, child_guardian=child_guardian, server=server
     ) as program:
         guardian = int(program.stdout.readline())
         try:

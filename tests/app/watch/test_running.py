@@ -43,7 +43,11 @@ def test_the_log_of_a_recorder_beside_the_program_is_found_by_its_rig(tmp_path: 
         rig = rig_file(tmp_path / "rig.yaml", "lcus", board.port, name="bench of a graph")
         another = rig_file(tmp_path / "another.yaml", "lcus", "/dev/no-board", name="another bench")
         log, other = tmp_path / "log.mcap", tmp_path / "other.mcap"
-        with recorder(rig, log), recorder(another, other), heating_program(board, rig) as (program, guardian):
+        with (
+            recorder(rig, log),
+            recorder(another, other),
+            heating_program(board, rig, child_guardian=True) as (program, guardian),
+        ):
             assert wait(lambda: [d.logs for d in ports_of_rig(rig)] == [(log,)])
             (found,) = ports_of_log(log)
             assert (found.guardian, found.player) == (guardian, program.pid)

@@ -57,7 +57,7 @@ def test_output_that_another_program_stopped_is_started_again(tmp_path, kind, ho
     with emulated(kind) as board, HeldUart(board.port) as uart:
         rig = rig_file(tmp_path / "rig.yaml", kind, board.port)
         before = uart.code if hold == "queue" else ""
-        with heating_program(board, rig, before) as (program, _):
+        with heating_program(board, rig, before, child_guardian=bool(before)) as (program, _):
             held_at = time.monotonic()
             uart.hold(restarts=True) if hold == "queue" else hold(board)
             _, told = program.communicate(timeout=15)
@@ -79,7 +79,7 @@ def test_a_device_that_takes_no_more_bytes_is_said_at_once(tmp_path, kind):
     """
     with emulated(kind) as board, HeldUart(board.port) as uart:
         rig = rig_file(tmp_path / "rig.yaml", kind, board.port)
-        with heating_program(board, rig, uart.code) as (program, _):
+        with heating_program(board, rig, uart.code, child_guardian=True) as (program, _):
             held_at = time.monotonic()
             uart.hold(restarts=False)
             _, told = program.communicate(timeout=15)

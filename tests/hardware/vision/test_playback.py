@@ -1,6 +1,5 @@
 """Sources at their pace, the robot's camera, and the robot in a worker process."""
 
-import json
 from pathlib import Path
 
 import cv2
@@ -10,7 +9,6 @@ import pytest
 from eldir.design import Design
 from eldir.errors import EldirError, InputError
 from eldir.lattice import Lattice
-from eldir_hardware.camera.plane import TagBoard
 from eldir_hardware.images import jpeg
 from eldir_hardware.log.recorder import Recorder
 from eldir_hardware.rig.configuration import Rig
@@ -64,7 +62,7 @@ def test_the_robots_camera_sees_the_robot_as_a_run_does(folder):
     np.testing.assert_array_equal(image, again)
     reference = virtual_camera(rig, rig.camera, body, SCHEDULE)  # type: ignore[arg-type]
     assert image.shape == reference.render(body.positions, body.springs, design.marks).shape
-    assert len(TagBoard.from_json(json.loads(camera.tags)).ids) >= 4
+    assert len(camera.board.ids) >= 4
 
 
 def test_a_body_in_a_worker_process_moves_as_one_in_this_process_and_tells_what_fails(folder):
