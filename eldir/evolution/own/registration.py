@@ -22,7 +22,7 @@ def load_problem(name: str) -> VectorProblem:
     and for one that cannot be loaded. A name is not a module: a run folder cannot have other code run."""
     points = {point.name: point for point in entry_points(group=GROUP)}
     remedy = "correct the name, or install the package that provides the problem"
-    require_known("problem", name, sorted(points) or ["none is installed"], remedy)
+    require_known("problem", name, sorted(points) or ["the name of an installed one: there is none"], remedy)
     point = points[name]
     try:
         found = point.load()()
