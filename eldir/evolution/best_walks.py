@@ -68,7 +68,7 @@ def draw_walks(walks: Sequence[BestWalk], terrain: Terrain | None = None) -> Fig
     """Picture of walks one below the other at one scale: the body at the beginning, half-way and at the end,
     and the path of the mean of its masses. `terrain`: the ground, by default level at 0."""
     known = [walk.positions[np.isfinite(walk.positions).all(axis=(1, 2))] for walk in walks]
-    if terrain is None:  # all begin at one place
+    if terrain is None or terrain.is_flat:  # all begin at one place
         known = [p - [p[0, :, 0].mean(), 0.0] for p in known]
     low = np.min([p.min(axis=(0, 1)) for p in known], axis=0)
     high = np.max([p.max(axis=(0, 1)) for p in known], axis=0)

@@ -113,7 +113,7 @@ def _plots(
             "Body and walk of the best robot every ten generations (of a short run more often), trained "
             "again with its seed: at the beginning (pale), half-way and at the end, and the path of the mean "
             "of its masses",
-            lambda: draw_walks(trained_walks(history), None if ground.is_flat else ground),
+            lambda: draw_walks(trained_walks(history), ground),
             unknown,
         ),
         "learning": Plot(

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from lxml import etree
 
+from eldir.controller import Controller
 from eldir.errors import EldirError
 from eldir.evolution import figures
-from eldir.evolution.best_walks import choose_generations, trained_walks
+from eldir.evolution.best_walks import BestWalk, choose_generations, draw_walks, trained_walks
 from eldir.evolution.loop import run_generations
 from eldir.evolution.paper.configuration import EvolutionConfig
 from eldir.evolution.paper.history import read_history
@@ -22,6 +23,7 @@ from eldir.genotype import Genotype
 from eldir.lattice import Lattice
 from eldir.learning import learning_paths
 from eldir.morphology import develop
+from eldir.rollout import simulate
 from eldir.scene import Scene
 from eldir.terrain import Terrain
 from eldir_app.commands.analyse import analyse
@@ -91,6 +93,17 @@ def test_the_best_robots_walk_again_as_they_learned(run):
     for walk, best in zip(walks, read_history(run).trend.best, strict=True):
         walked = np.ptp(walk.positions[[0, -1]].mean(axis=1)[:, 0])
         assert walk.result == f"{best:+.2f} m" and walked == pytest.approx(best, abs=1e-5)
+
+
+def test_a_walk_is_drawn_as_high_above_level_ground_as_it_is(run):
+    body, scene = trained_walks(read_history(run))[0].body, Scene()
+    controller = Controller.random(len(body.positions), body.motors, np.random.default_rng(1))
+    (rollout,) = simulate([body], [controller], scene)
+    height = scene.terrain.height(np.zeros(1))
+    assert scene.terrain.is_flat and rollout.positions[0, :, 1].min() == pytest.approx(height, abs=0.01)
+    (axes,) = draw_walks([BestWalk(0, "", body, rollout.positions)], scene.terrain).axes
+    ground, path = (line.get_ydata() for line in axes.lines)
+    np.testing.assert_allclose(path - ground[0], rollout.positions.mean(axis=1)[:, 1] - height, atol=1e-6)
 
 
 def test_every_ten_generations_are_chosen_and_the_last():
