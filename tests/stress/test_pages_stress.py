@@ -128,7 +128,7 @@ def play(line: str, page: Page, folder: Path) -> None:
         words[0] = sys.executable
     environment = os.environ | {"XDG_STATE_HOME": str(folder / "state")}
     done = subprocess.run(
-        words, cwd=folder, env=environment, capture_output=True, text=True, timeout=3000, check=False
+        words, cwd=folder, env=environment, capture_output=True, text=True, timeout=7200, check=False
     )
     assert done.returncode == 0, (line, done.stdout, done.stderr)
 

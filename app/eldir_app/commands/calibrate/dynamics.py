@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from eldir.design import Design
     from eldir_calibration.identification.identification import RobotFilms
 
-_NOTE = "identifying: minutes, a quarter of an hour where every strip gets its own values"
+_NOTE = "identifying: 1 to 10 minutes with one film, about half an hour with two"
 
 
 def dynamics(
