@@ -228,7 +228,11 @@ class Graph:
         self.feedback.clear()
         assert self._action.wait_for_server(20)
         wait_until(lambda: self._alive.get_subscription_count() > 0, 20)
-        return self._wait(self._action.send_goal_async(goal, lambda m: self.feedback.append(m.feedback)), 20)
+        # In the thread that spins: rclpy drops an answer that comes before the sender has noted its request.
+        sent = self._executor.create_task(
+            self._action.send_goal_async, goal, lambda m: self.feedback.append(m.feedback)
+        )
+        return self._wait(self._wait(sent, 20), 20)
 
     def result(self, goal: Any, patience: float = 60.0) -> Any:
         return self._wait(goal.get_result_async(), patience).result
