@@ -207,7 +207,8 @@ def test_help_and_wrong_words_are_those_of_every_command(tmp_path):
         assert done.returncode == 2 and "eldir: " in done.stderr, words
     from tests.hardware.rigs_and_schedules import rig_text
 
-    (tmp_path / "rig.yaml").write_text(rig_text())
+    # Of another name than the rigs that other tests drive meanwhile: it would end their runs.
+    (tmp_path / "rig.yaml").write_text(rig_text().replace("virtual bench", "bench of nobody"))
     done, _ = off("--rig", tmp_path / "rig.yaml")
     assert done.returncode == 1 and "no program drives the virtual rig" in done.stderr
     done, _ = off("--port", "/dev/null", "--board", "toaster")
