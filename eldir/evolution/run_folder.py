@@ -15,6 +15,7 @@ import fcntl
 import logging
 import re
 import shutil
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
@@ -59,7 +60,7 @@ class RunFileHeader(FileRecord):
 
 
 @dataclass(frozen=True)
-class GenerationsFolder(Generic[_Config, _Solution]):
+class GenerationsFolder(ABC, Generic[_Config, _Solution]):
     """The folder of an evolution of any kind, which saves one generation after the other: every robot of a
     generation in one file, and then what the search continues from in another, which makes it complete."""
 
@@ -73,26 +74,26 @@ class GenerationsFolder(Generic[_Config, _Solution]):
     COMPLETES: ClassVar[str]
     """Name of the files that complete a generation."""
 
+    @abstractmethod
     def problem(self, *conditions: Any) -> Problem[_Solution]:
         """The problem of the run. `conditions` are further conditions on solutions, which a run folder does
         not contain; they must be the same whenever a run is continued."""
-        raise NotImplementedError
 
+    @abstractmethod
     def columns(self, generation: Generation[_Solution]) -> tuple[dict[str, Any], dict[str, Any]]:
         """Columns of all solutions that were tried in a generation, and of the elites after it."""
-        raise NotImplementedError
 
+    @abstractmethod
     def read_elites(self, path: Path) -> list[_Solution]:
         """The elites in a file that completes a generation. Raises `InputError` for a damaged one."""
-        raise NotImplementedError
 
+    @abstractmethod
     def status(self, common: dict[str, Any]) -> RunStatus:
         """The status of the run; `common` has the fields of every status."""
-        raise NotImplementedError
 
+    @abstractmethod
     def progress_line(self, search: Search[_Solution]) -> str:
         """A short line for the progress bar: the last complete generation and its best solutions."""
-        raise NotImplementedError
 
     def workers(self) -> Workers:
         """What evaluates batches on this machine."""

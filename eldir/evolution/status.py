@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from typing import Any, Literal
 
 from pydantic import NonNegativeInt, PositiveInt
@@ -26,9 +27,9 @@ class RunStatus(FileRecord):
     source: SourceDigest
     """Digest of the code that started the run."""
 
+    @abstractmethod
     def summary(self) -> str:
         """The status in one line."""
-        raise NotImplementedError
 
 
 def read_status(run: GenerationsFolder[Any, Any]) -> RunStatus:
