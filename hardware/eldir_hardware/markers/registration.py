@@ -9,18 +9,14 @@ its pyproject.toml; the name on the left is the value of `marker` in a rig file:
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
-from importlib.metadata import EntryPoint, entry_points
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from eldir.core.arguments import require_known
+from eldir.core.entry_points import load_registered, registered_names, require_registered
 from eldir.core.records import FloatArray
-from eldir.errors import InputError
 
 if TYPE_CHECKING:
     from eldir_hardware.markers.tracker import MarkerTracker
@@ -36,7 +32,7 @@ PALETTE = {
     "m5": (190, 40, 190),
 }
 """sRGB of the disc on each mass: distinct hues identify the markers."""
-ENTRY_POINT_GROUP = "eldir.markers"
+ENTRY_POINT_GROUP, _WHAT = "eldir.markers", "kind of marker"
 DEFAULT_KIND = "discs"
 """The kind of rig files and logs that name none."""
 
@@ -67,37 +63,14 @@ class MarkerKind:
 
 def installed_kinds() -> tuple[str, ...]:
     """The kinds of marker that are installed, sorted by name."""
-    return tuple(sorted(_entry_points(tuple(sys.path))))
+    return registered_names(ENTRY_POINT_GROUP)
 
 
 def require_kind(kind: str) -> str:
     """The kind itself. Raises `InputError` where it is not installed; does not load it."""
-    remedy = "correct the kind, or install the package that provides it"
-    require_known("kind of marker", kind, installed_kinds(), remedy)
-    return kind
+    return require_registered(ENTRY_POINT_GROUP, kind, _WHAT)
 
 
 def load_kind(kind: str) -> MarkerKind:
     """The kind of that name. Raises `InputError` where there is none, or it cannot be loaded."""
-    point = _entry_points(tuple(sys.path))[require_kind(kind)]
-    try:
-        found = point.load()
-    except (Exception, SystemExit) as error:  # another package's code runs here
-        found = error
-    if not isinstance(found, MarkerKind):
-        raise InputError(
-            f"the marker kind {kind} cannot be loaded from {point.value}",
-            code="package.broken",
-            expected="a eldir_hardware.markers.registration.MarkerKind",
-            found=f"{type(found).__name__}: {found}",
-            remedy="repair or remove the package that provides it",
-        )
-    return found
-
-
-@lru_cache(maxsize=4)
-def _entry_points(path: tuple[str, ...]) -> dict[str, EntryPoint]:
-    """Entry points by name, of two the first; `path` is the import path on which they were searched. Each rig
-    file that is read asks for them, and a search takes longer than the reading."""
-    points = list(entry_points(group=ENTRY_POINT_GROUP))
-    return {point.name: point for point in reversed(points)}
+    return load_registered(ENTRY_POINT_GROUP, kind, _WHAT, MarkerKind)
