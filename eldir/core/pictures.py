@@ -93,11 +93,12 @@ def _written(figure: Figure, kind: str, dpi: int, metadata: dict[str, None]) -> 
 
 
 def page_templates(package: str, **filters: Callable[[float], str]) -> Environment:
-    """The templates of a package. Values are escaped, and a name that the values do not have is an error."""
-    from jinja2 import Environment, PackageLoader, StrictUndefined
+    """The templates of a package, and `page.css`, the style of all pages. Values are escaped, and a name that
+    the values do not have is an error."""
+    from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
     environment = Environment(
-        loader=PackageLoader(package),
+        loader=ChoiceLoader([PackageLoader(package), PackageLoader("eldir.core")]),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
