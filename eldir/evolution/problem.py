@@ -1,4 +1,4 @@
-"""What evolves and how it is judged: the protocol of a problem, and the batches in which it is evaluated.
+"""What evolves and how it is evaluated: the protocol of a problem, and the batches in which it is evaluated.
 
 `eldir.evolution.search` asks a problem for solutions, and knows nothing else about them. The paper's robots
 (`eldir.evolution.paper`), printed robots (`eldir.evolution.printed`) and a researcher's own problems
@@ -18,7 +18,7 @@ from eldir.evolution.archive import Archive, Solution
 
 S = TypeVar("S", bound=Solution)
 T = TypeVar("T")
-Course = Generator["Batch", Any, T]
+BatchGenerator = Generator["Batch", Any, T]
 """Yields batches, is sent their outcomes, and returns what follows from them."""
 
 
@@ -71,14 +71,16 @@ class Problem(Protocol[S]):
     def vary(self, archive: Archive[S], generation: int, rng: np.random.Generator) -> Sequence[Any]:
         """Offspring of the archive's elites, not evaluated."""
 
-    def judge(self, candidates: Sequence[Any], archive: Archive[S]) -> Course[tuple[Sequence[Any], list[S]]]:
+    def evaluate(
+        self, candidates: Sequence[Any], archive: Archive[S]
+    ) -> BatchGenerator[tuple[Sequence[Any], list[S]]]:
         """Run the trials, the cheap ones first. Returns all candidates with what the trials have shown, and
         as solutions with their fitness those that may enter the archive."""
 
-    def sample(self, solutions: Sequence[S]) -> Course[list[S]]:
+    def sample(self, solutions: Sequence[S]) -> BatchGenerator[list[S]]:
         """Evaluate solutions again; returns them with further samples. Only where fitness has an error."""
 
-    def uncertain(self, archive: Archive[S]) -> list[S]:
+    def choose_uncertain(self, archive: Archive[S]) -> list[S]:
         """Elites to evaluate again after each generation: the best of many estimates is too good."""
 
 

@@ -4,7 +4,7 @@
     search.tell(batch, evaluate(batch))
 
 A generation begins with random solutions or with offspring of the archive. Trials of rising cost
-(`Problem.judge`) leave those that may enter the archive. One that would displace an elite that is better
+(`Problem.evaluate`) leave those that may enter the archive. One that would displace an elite that is better
 known is evaluated again first, and some elites are evaluated again at the end, because the best of many
 estimates is too good (winner's curse). What is random depends on the run's seed and the generation alone.
 """
@@ -19,7 +19,7 @@ import numpy as np
 
 from eldir.errors import EldirError
 from eldir.evolution.archive import Archive, Solution
-from eldir.evolution.problem import Batch, Course, Problem
+from eldir.evolution.problem import Batch, BatchGenerator, Problem
 
 S = TypeVar("S", bound=Solution)
 
@@ -45,7 +45,7 @@ class Search(Generic[S]):
         self.generation = generation
         """Number of the generation that comes next."""
         self.archive = Archive(elites, problem.capacity)
-        self._course: Course[Generation[S]] | None = None
+        self._generator: BatchGenerator[Generation[S]] | None = None
         self._batch: Batch | None = None
 
     @property
@@ -56,14 +56,14 @@ class Search(Generic[S]):
     def ask(self) -> Batch:
         """The batch to evaluate next; the same one until its outcome is told."""
         if self._batch is None:
-            self._course = self._run_generation()
-            self._batch = next(self._course)
+            self._generator = self._run_generation()
+            self._batch = next(self._generator)
         return self._batch
 
     def tell(self, batch: Batch, outcome: Any) -> Generation[S] | None:
         """Go on with the outcome of the batch that was asked for. Returns the generation once it is complete.
         Raises `EldirError` where the problem cannot go on."""
-        if self._course is None or batch is not self._batch:
+        if self._generator is None or batch is not self._batch:
             raise EldirError(
                 "a search was told the outcome of another batch",
                 code="evolution.other-batch",
@@ -71,27 +71,27 @@ class Search(Generic[S]):
             )
         self._batch = None
         try:
-            self._batch = self._course.send(outcome)
+            self._batch = self._generator.send(outcome)
         except StopIteration as end:
             self.generation += 1
             complete: Generation[S] = end.value
             return complete
         return None
 
-    def _run_generation(self) -> Course[Generation[S]]:
+    def _run_generation(self) -> BatchGenerator[Generation[S]]:
         problem, number = self.problem, self.generation
         rng = np.random.default_rng(np.random.SeedSequence(problem.seed, spawn_key=(number,)))
         if len(self.archive):
             candidates = problem.vary(self.archive, number, rng)
         else:
             candidates = problem.random(number, rng)
-        tried, evaluated = yield from problem.judge(candidates, self.archive)
+        tried, evaluated = yield from problem.evaluate(candidates, self.archive)
         yield from self.admit(evaluated)
-        for solution in (yield from problem.sample(problem.uncertain(self.archive))):
+        for solution in (yield from problem.sample(problem.choose_uncertain(self.archive))):
             self.archive.update(solution)
         return Generation(number, tried, evaluated, self.archive.ranked())
 
-    def admit(self, solutions: Sequence[S]) -> Course[int]:
+    def admit(self, solutions: Sequence[S]) -> BatchGenerator[int]:
         """Admit solutions to the archive; returns their number. One that would displace an elite is evaluated
         as often as the elite was, and must stay better: the best of many first estimates is lucky."""
         admitted = 0

@@ -17,4 +17,4 @@ GROUP = "eldir.problems"
 def load_problem(name: str) -> VectorProblem:
     """The installed problem of that name. Raises `InputError` with the installed names for an unknown one,
     and for one that cannot be loaded. A name is not a module: a run folder cannot have other code run."""
-    return load_registered(GROUP, name, "problem", VectorProblem, make=lambda problem: problem())
+    return load_registered(GROUP, name, "problem", VectorProblem, lambda problem: problem())  # type: ignore[type-abstract]

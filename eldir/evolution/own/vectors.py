@@ -18,7 +18,7 @@ from eldir import defaults
 from eldir.core.records import FloatArray, IntArray, Record, record
 from eldir.errors import InputError
 from eldir.evolution.archive import Archive
-from eldir.evolution.problem import Course, TrialBatch
+from eldir.evolution.problem import BatchGenerator, TrialBatch
 
 _REEVALUATED = 3  # elites that are evaluated again in a generation
 
@@ -129,9 +129,9 @@ class OwnProblem:
             for i, (vector, parent) in enumerate(zip(vectors, parents, strict=True))
         ]
 
-    def judge(
+    def evaluate(
         self, candidates: Sequence[VectorSolution], archive: Archive[VectorSolution]
-    ) -> Course[tuple[list[VectorSolution], list[VectorSolution]]]:
+    ) -> BatchGenerator[tuple[list[VectorSolution], list[VectorSolution]]]:
         tried = {s.number: s for s in candidates}
         going_on = list(candidates)
         shares = self.definition.shares
@@ -154,7 +154,7 @@ class OwnProblem:
         tried |= {s.number: s for s in evaluated}
         return list(tried.values()), evaluated
 
-    def sample(self, solutions: Sequence[VectorSolution]) -> Course[list[VectorSolution]]:
+    def sample(self, solutions: Sequence[VectorSolution]) -> BatchGenerator[list[VectorSolution]]:
         if not solutions:
             return []
         rows = yield self._batch(solutions, len(self.definition.shares) - 1, (0.9, 0.99))
@@ -164,7 +164,7 @@ class OwnProblem:
             for s, own in zip(solutions, rows, strict=True)
         ]
 
-    def uncertain(self, archive: Archive[VectorSolution]) -> list[VectorSolution]:
+    def choose_uncertain(self, archive: Archive[VectorSolution]) -> list[VectorSolution]:
         ranked = archive.ranked()
         return [s for s in ranked if s.samples < self.definition.max_samples][:_REEVALUATED]
 

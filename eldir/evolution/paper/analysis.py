@@ -110,9 +110,9 @@ def _plots(
             partial(figures.gallery, config.lattice, zoo, titles),
         ),
         "best-walks": Plot(
-            "Body and walk of the best robot every ten generations (of a short run more often), trained "
-            "again with its seed: at the beginning (pale), half-way and at the end, and the path of the mean "
-            "of its masses",
+            "The best robot every ten generations, or three times in a short run. It was trained again "
+            "with its seed, and is drawn at the beginning (pale), half-way and at the end of its walk. The "
+            "line is the path of the mean of its masses",
             lambda: draw_walks(trained_walks(history), ground),
             unknown,
         ),

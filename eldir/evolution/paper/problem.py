@@ -20,7 +20,7 @@ from eldir.evolution.archive import Archive
 from eldir.evolution.paper.configuration import EvolutionConfig, printed_terrain, robot_seed
 from eldir.evolution.paper.learning import LearningBatch
 from eldir.evolution.paper.population import Robot, is_valid
-from eldir.evolution.problem import Course, TrialBatch
+from eldir.evolution.problem import BatchGenerator, TrialBatch
 from eldir.evolution.variation import make_offspring
 from eldir.genotype import Genotype, random_genotypes
 from eldir.morphology import Morphology, develop, develop_all
@@ -86,9 +86,9 @@ class PaperProblem:
             return False
         return self._accept is None or bool(self._accept(body))
 
-    def judge(
+    def evaluate(
         self, candidates: Sequence[Robot], archive: Archive[Robot]
-    ) -> Course[tuple[list[Robot], list[Robot]]]:
+    ) -> BatchGenerator[tuple[list[Robot], list[Robot]]]:
         """All learn; with a second stage, those that would survive walk as built. Raises `EldirError` where
         no robot of the first generation is stable."""
         progenitors = {r.number: r for r in archive.ranked()} if self.config.inherit else {}
@@ -109,7 +109,7 @@ class PaperProblem:
 
     def _walk_survivors(
         self, learned: list[Robot], valid: np.ndarray, archive: Archive[Robot]
-    ) -> Course[list[Robot]]:
+    ) -> BatchGenerator[list[Robot]]:
         """The same robots, with the walks as built of all that would survive, including those that replace
         fallen ones."""
         while True:
@@ -124,12 +124,12 @@ class PaperProblem:
             for i, walk in zip(places, walks, strict=True):
                 learned[i] = replace(learned[i], walk=float(walk))
 
-    def sample(self, solutions: Sequence[Robot]) -> Course[list[Robot]]:
+    def sample(self, solutions: Sequence[Robot]) -> BatchGenerator[list[Robot]]:
         """None: what a robot learns is known exactly."""
         yield from ()
         return []
 
-    def uncertain(self, archive: Archive[Robot]) -> list[Robot]:
+    def choose_uncertain(self, archive: Archive[Robot]) -> list[Robot]:
         """None: what a robot learns is known exactly."""
         return []
 

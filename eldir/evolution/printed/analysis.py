@@ -280,9 +280,9 @@ def _plots(
             "" if estimates > 1 else "progress: only one robot reached the last trial",
         ),
         "best-walks": Plot(
-            "Body and walk of the robot with the best first estimate until then, every ten generations (of "
-            "a short run more often): as printed, over five cycles, at the beginning (pale), half-way and "
-            "at the end, and the path of the mean of its hubs",
+            "The robot with the best first estimate so far, every ten generations, or three times in a short "
+            "run. It walks as printed, for five cycles, and is drawn at the beginning (pale), half-way and "
+            "at the end. The line is the path of the mean of its hubs",
             partial(draw_walks, walks, terrain),
             "" if walks else "walks of the best robots: none has a first estimate",
         ),

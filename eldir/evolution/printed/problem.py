@@ -37,7 +37,7 @@ from eldir.evolution.printed.trials import (
     walk_on_slopes,
 )
 from eldir.evolution.printed.walker import Walker, find_niche, group_by_size
-from eldir.evolution.problem import Course, TrialBatch
+from eldir.evolution.problem import BatchGenerator, TrialBatch
 from eldir.morphology import Morphology
 
 MAX_SAMPLES = 32
@@ -144,9 +144,9 @@ class PrintedProblem:
             self._buildable[body.key] = not self.rejection_reason(body)
         return self._buildable[body.key]
 
-    def judge(
+    def evaluate(
         self, candidates: Sequence[Candidate], archive: Archive[Walker]
-    ) -> Course[tuple[list[Candidate], list[Walker]]]:
+    ) -> BatchGenerator[tuple[list[Candidate], list[Walker]]]:
         founders = 1 if len(archive) else _FOUNDERS
         room = [round(part * self.config.offspring * founders) for part in (_COMPARED, _EVALUATED)]
         trials = self.screening_trials(candidates)
@@ -210,7 +210,7 @@ class PrintedProblem:
     ) -> list[tuple[Candidate, Gait]]:
         """The robots that may enter the archive, each with the better of its two gaits."""
         elites = [archive.incumbent(find_niche(candidate.body)) for candidate, _ in promising]
-        best = most_promising(
+        best = choose_promising(
             walks.max(axis=1),
             np.maximum(elites, 0.0),
             [len(candidate.body.positions) for candidate, _ in promising],
@@ -219,12 +219,12 @@ class PrintedProblem:
         )
         return [(promising[i][0], promising[i][1].gaits[int(walks[i].argmax())]) for i in best]
 
-    def uncertain(self, archive: Archive[Walker]) -> list[Walker]:
+    def choose_uncertain(self, archive: Archive[Walker]) -> list[Walker]:
         """The best elites of each size whose walks are not yet well known."""
         uncertain = [w for w in archive.ranked() if w.samples < MAX_SAMPLES]
-        return [uncertain[i] for i in in_turn([w.niche.masses for w in uncertain])[:_REEVALUATED]]
+        return [uncertain[i] for i in alternate_sizes([w.niche.masses for w in uncertain])[:_REEVALUATED]]
 
-    def sample(self, walkers: Sequence[Walker]) -> Course[list[Walker]]:
+    def sample(self, walkers: Sequence[Walker]) -> BatchGenerator[list[Walker]]:
         """The walkers with eight more samples each."""
         if not walkers:
             return []
@@ -264,8 +264,8 @@ def is_steady(walks: FloatArray) -> BoolArray:
     return steady
 
 
-def most_promising(
-    walks: FloatArray, elites: FloatArray, sizes: Sequence[int], most: int, farthest: int
+def choose_promising(
+    walks: FloatArray, elites: FloatArray, sizes: Sequence[int], max_count: int, farthest: int
 ) -> list[int]:
     """Indices of at most so many robots. First come those that beat their elites: the `farthest` that walk
     farthest, then the others by size (number of hubs) in turn, so that small robots leave room for larger
@@ -273,12 +273,12 @@ def most_promising(
     order = np.argsort(-walks, kind="stable").tolist()
     beating = [i for i in order if walks[i] > elites[i]]
     others = beating[farthest:]
-    turns = [others[k] for k in in_turn([sizes[i] for i in others])]
+    turns = [others[k] for k in alternate_sizes([sizes[i] for i in others])]
     rest = [i for i in np.argsort(elites - walks, kind="stable").tolist() if walks[i] <= elites[i]]
-    return [*beating[:farthest], *turns, *rest][:most]
+    return [*beating[:farthest], *turns, *rest][:max_count]
 
 
-def in_turn(sizes: Sequence[int]) -> list[int]:
+def alternate_sizes(sizes: Sequence[int]) -> list[int]:
     """Indices of ranked robots of these sizes: first the best of each size, then the second of each, and so
     on, the better before the worse."""
     earlier: Counter[int] = Counter()

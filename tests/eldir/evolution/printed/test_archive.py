@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from eldir.core.records import FloatArray
 from eldir.evolution.archive import Archive
-from eldir.evolution.printed.problem import PrintedProblem, in_turn, most_promising
+from eldir.evolution.printed.problem import PrintedProblem, alternate_sizes, choose_promising
 from eldir.evolution.printed.walker import Niche, Walker, find_niche, group_by_size
 from eldir.evolution.problem import Batch
 from eldir.evolution.search import Search
@@ -100,16 +100,16 @@ def test_half_of_the_evaluations_go_to_the_farthest_and_the_others_to_sizes_in_t
     walks = np.array([2.5, 2.2, 2.1, 1.2, 0.9, 0.8, 2.0])
     elites = np.array([2.6, 2.3, 1.9, 0.0, 0.0, 0.0, 1.7])
     sizes = [8, 8, 8, 8, 9, 12, 8]
-    assert most_promising(walks, elites, sizes, 4, 2) == [2, 6, 3, 4]
-    assert most_promising(walks, elites, sizes, 4, 1) == [2, 6, 4, 5]
-    assert most_promising(walks, elites, sizes, 5, 0) == [2, 4, 5, 6, 3]
-    assert most_promising(walks, np.full(7, 9.0), sizes, 2, 2) == [0, 1], "none beats its elite"
-    assert sorted(most_promising(walks, elites, sizes, 9, 4)) == list(range(7))
+    assert choose_promising(walks, elites, sizes, 4, 2) == [2, 6, 3, 4]
+    assert choose_promising(walks, elites, sizes, 4, 1) == [2, 6, 4, 5]
+    assert choose_promising(walks, elites, sizes, 5, 0) == [2, 4, 5, 6, 3]
+    assert choose_promising(walks, np.full(7, 9.0), sizes, 2, 2) == [0, 1], "none beats its elite"
+    assert sorted(choose_promising(walks, elites, sizes, 9, 4)) == list(range(7))
 
 
 @given(st.lists(st.integers(3, 6), max_size=12))
 def test_the_best_of_each_size_comes_before_the_second_of_any(sizes: list[int]) -> None:
-    order = in_turn(sizes)
+    order = alternate_sizes(sizes)
     assert sorted(order) == list(range(len(sizes)))
     places = [(sizes[:i].count(sizes[i]), i) for i in order]
     assert places == sorted(places)

@@ -19,7 +19,7 @@ import pytest
 from typer.testing import CliRunner
 
 from eldir.built.gait import read_gait
-from eldir.built.robot import build, find_shape_fault, height_over_base
+from eldir.built.robot import build
 from eldir.built.samples import NominalRobots, sample_walks
 from eldir.core.records import FloatArray
 from eldir.errors import EldirError, InputError
@@ -29,16 +29,14 @@ from eldir.evolution.loop import run_generations
 from eldir.evolution.printed.analysis import archive_figure
 from eldir.evolution.printed.best_walks import printed_walks
 from eldir.evolution.printed.configuration import PrintedEvolutionConfig
-from eldir.evolution.printed.problem import Candidate, PrintedProblem, is_steady
+from eldir.evolution.printed.problem import Candidate, PrintedProblem
 from eldir.evolution.printed.run_folder import PrintedRun
 from eldir.evolution.printed.trials import (
     FRESH,
     LANES,
-    Trial,
     compare_gaits,
     evaluate_walks,
     screen_gaits,
-    walk_on_slopes,
 )
 from eldir.evolution.printed.walker import Niche
 from eldir.evolution.problem import Part, TrialPart
@@ -50,7 +48,6 @@ from eldir.learning import learn
 from eldir.morphology import Morphology
 from eldir.scene import Scene
 from eldir_app.application import application
-from tests.eldir.built.braced_robots import body
 from tests.eldir.evolution.evolve_processes import contents, start
 from tests.eldir.evolution.printed.small_searches import SMALL, edges, genomes
 from tests.made_once import made_once
@@ -387,28 +384,3 @@ def test_only_the_best_become_designs(whole: Path, monkeypatch: pytest.MonkeyPat
     assert len(PrintedRun.open(whole).read_last_elites()) > 1
     monkeypatch.setattr(designs_of_runs, "_MAX_PRINTED", 1)
     assert len(load_run(whole)) == 1
-
-
-def test_a_tilted_table_must_not_change_the_walk_much() -> None:
-    """Of robots that walk somehow on a level table, those that a slope stops or drives are left out."""
-    bodies = [(g, g.body(SMALL.lattice)) for g in genomes(14, 8)]
-    trials = [
-        Trial(body, (genome.gait(body, SMALL.timings),), (SMALL.seed, number, 3))
-        for number, (genome, body) in enumerate(bodies)
-        if PrintedProblem(SMALL).stands(body)
-    ]
-    walks = walk_on_slopes(trials, SMALL.nominal)
-    kept = is_steady(walks)
-    assert 0 < kept.sum() < len(trials)
-    for steady, (down, up) in zip(kept, walks, strict=True):
-        assert steady == (0.7 * down <= up and 0.7 * up <= down and up > 0 and down > 0)
-
-
-def test_towers_do_not_stand() -> None:
-    problem = PrintedProblem(replace(SMALL, lattice=Lattice(6, 11)))
-    assert problem.stands(body(*[(row, c) for row in range(2) for c in (3, 4, 5)]))
-    tower = body(*[(row, c) for row in range(4) for c in (3, 4, 5)])
-    assert height_over_base(build(tower)) == pytest.approx(4 * np.sqrt(3) / 2 / 2) and not find_shape_fault(
-        build(tower)
-    )
-    assert not problem.stands(tower)

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from eldir.built.gait import Gait, free_lengths
-from eldir.built.robot import build
+from eldir.built.robot import build, find_shape_fault, height_over_base
 from eldir.built.samples import NominalRobots
 from eldir.built.walking import displacements
+from eldir.evolution.printed.problem import PrintedProblem, is_steady
 from eldir.evolution.printed.trials import (
     FRESH,
     LANES,
@@ -26,7 +27,8 @@ from eldir.genotype import random_genotypes
 from eldir.lattice import Lattice
 from eldir.morphology import Morphology, develop
 from eldir.parameters.robot import RobotParameters
-from tests.eldir.evolution.printed.small_searches import BODY, GAIT, SMALL
+from tests.eldir.built.braced_robots import body
+from tests.eldir.evolution.printed.small_searches import BODY, GAIT, SMALL, genomes
 
 pytestmark = pytest.mark.slow(30)
 
@@ -116,3 +118,28 @@ def test_a_further_look_has_fresh_samples() -> None:
 
 def test_a_fall_counts_as_no_walk() -> None:
     assert count_falls_as_zero(np.array([-np.inf, 1.0, -0.5])).tolist() == [0.0, 1.0, -0.5]
+
+
+def test_a_tilted_table_must_not_change_the_walk_much() -> None:
+    """Of robots that walk somehow on a level table, those that a slope stops or drives are left out."""
+    bodies = [(g, g.body(SMALL.lattice)) for g in genomes(14, 8)]
+    trials = [
+        Trial(body, (genome.gait(body, SMALL.timings),), (SMALL.seed, number, 3))
+        for number, (genome, body) in enumerate(bodies)
+        if PrintedProblem(SMALL).stands(body)
+    ]
+    walks = walk_on_slopes(trials, SMALL.nominal)
+    kept = is_steady(walks)
+    assert 0 < kept.sum() < len(trials)
+    for steady, (down, up) in zip(kept, walks, strict=True):
+        assert steady == (0.7 * down <= up and 0.7 * up <= down and up > 0 and down > 0)
+
+
+def test_towers_do_not_stand() -> None:
+    problem = PrintedProblem(replace(SMALL, lattice=Lattice(6, 11)))
+    assert problem.stands(body(*[(row, c) for row in range(2) for c in (3, 4, 5)]))
+    tower = body(*[(row, c) for row in range(4) for c in (3, 4, 5)])
+    assert height_over_base(build(tower)) == pytest.approx(4 * np.sqrt(3) / 2 / 2) and not find_shape_fault(
+        build(tower)
+    )
+    assert not problem.stands(tower)
