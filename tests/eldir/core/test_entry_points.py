@@ -10,7 +10,7 @@ from eldir.core.entry_points import load_registered, registered_names
 from eldir.errors import InputError
 from tests.raised import raises
 
-GROUP = "eldir.things_of_tests"
+GROUP = "things_of_tests"
 
 
 def add_package(folder: Path, name: str, *lines: str) -> str:
