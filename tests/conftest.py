@@ -23,6 +23,9 @@ settings.register_profile(
 )
 settings.load_profile("eldir")
 
+# Programs that tests start buffer what they print, as those that a person starts.
+os.environ.pop("PYTHONUNBUFFERED", None)
+
 # Before NumPy is imported: threads of OpenBLAS wait for each other in a loop.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 

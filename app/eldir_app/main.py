@@ -39,7 +39,10 @@ def main() -> NoReturn:
         except KeyboardInterrupt:  # a signal that arrived just before
             _ignore_signals()
         report(error)
-        status = _exit_status(error)
+        try:
+            status = _exit_status(error)
+        finally:
+            _drop_unwritable()
     sys.exit(status)
 
 
@@ -72,14 +75,22 @@ def _exit_status(error: BaseException) -> int | str | None:
         case EldirError():
             return 1
         case BrokenPipeError():  # such as `eldir ... | head`
-            sys.stderr.close()
             return 1
         case OSError() if error.errno in _DISK_FULL:
-            with suppress(OSError):
-                os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # or the interpreter flushes once more at exit
             print_line(f"cannot write: {error.strerror}; make room")
             return 1
     raise error
+
+
+def _drop_unwritable() -> None:
+    """Discard what a full disk, a closed pipe or terminal does not take: else the interpreter tries once more
+    at its end, complains, and changes the exit status."""
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except (OSError, ValueError):
+            with suppress(OSError, ValueError):
+                os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def _repair_streams() -> None:

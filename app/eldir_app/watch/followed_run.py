@@ -55,6 +55,8 @@ class FollowedRun:
         """Guardian, player, latch and disk, as the page shows them."""
         self.is_replay = False
         """Whether the log was finished when it was opened: no rig is driven for it."""
+        self.is_behind = False
+        """Whether more of the log is there than was read."""
         self._driven: list[DrivenPort] = []
         self._virtual: list[VirtualRun] = []
         self._log: LogFollower | None = None
@@ -131,9 +133,10 @@ class FollowedRun:
                 view.update(message, log)
                 has_news = True
                 if time.monotonic() > until:
+                    self.is_behind = True
                     break
             else:
-                self._messages = log.poll()
+                self.is_behind, self._messages = False, log.poll()
         except (EldirError, OSError) as error:
             self.problem = str(error)
         if view.read_files(log) or has_news:

@@ -161,7 +161,7 @@ class Server:
     def _state(self) -> dict[str, Any]:
         run, view = self._run, self._run.view
         state: dict[str, Any] = {"rig": run.rig_state, "replay": run.is_replay, "ended": run.has_ended}
-        state |= {"orders": bool(run.players)}
+        state |= {"behind": run.is_behind, "orders": bool(run.players)}
         if self._start is not None:
             idle = not (run.is_driven or self._start.is_running)
             state |= {"start": self._start.schedule.name if idle else None, "failure": self._start.failure}

@@ -89,6 +89,27 @@ class _LatestTime:
     on_currents = on_event = on_temperatures
 
 
+class _RealTimePauses:
+    """In virtual time, makes a pause last as long as the person takes, and not the hours that the clock could
+    move meanwhile."""
+
+    def __init__(self) -> None:
+        self._begun: tuple[float, float] | None = None  # of a pause, by the run and in real time
+
+    def on_event(self, t: float, text: str) -> None:
+        self._begun = (t, time.monotonic()) if text.startswith("paused") else None
+
+    def on_relays(self, t: float, states: tuple[bool, ...]) -> None:
+        if self._begun is not None:
+            paused, real = self._begun
+            time.sleep(max(t - paused - (time.monotonic() - real), 0.0))
+
+    def on_temperatures(self, *values: object) -> None:
+        """Reports of a board come with both."""
+
+    on_currents = on_temperatures
+
+
 def drive_rig(
     schedule: ActuationSchedule,
     rig: Rig,
@@ -146,7 +167,8 @@ def drive_rig(
             _attach_files(writer, schedule, rig, design, calibration)
             latest = _LatestTime(config.on_time)
             try:
-                player = Player(opened.bank, schedule, rig, opened.clock, [writer, latest])
+                observers = [writer, latest, *([_RealTimePauses()] if virtual_time else [])]
+                player = Player(opened.bank, schedule, rig, opened.clock, observers)
                 with _filming(opened, writer, latest) as begin_filming, config.control(player):
 
                     def begin(start: float) -> None:

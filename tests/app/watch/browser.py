@@ -1,7 +1,6 @@
 """A real browser: Chromium without a window, steered by its DevTools protocol."""
 
 import base64
-import http.client
 import json
 import os
 import signal
@@ -12,6 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from urllib.request import urlopen
 
 import pytest
 from websockets.sync.client import ClientConnection, connect
@@ -145,9 +145,8 @@ def _first_tab(folder: Path) -> str:
     while time.monotonic() < deadline:
         try:
             port = int((folder / "DevToolsActivePort").read_text().split()[0])
-            asked = http.client.HTTPConnection("127.0.0.1", port, timeout=5)
-            asked.request("GET", "/json/list")
-            tabs = json.loads(asked.getresponse().read())
+            with urlopen(f"http://127.0.0.1:{port}/json/list", timeout=5) as answer:
+                tabs = json.loads(answer.read())
             return next(tab["webSocketDebuggerUrl"] for tab in tabs if tab["type"] == "page")
         except (OSError, IndexError, StopIteration, ValueError):
             time.sleep(0.05)

@@ -1,5 +1,6 @@
 """A log that grows is followed record by record; what the page shows of it is what the log holds."""
 
+import asyncio
 import time
 from dataclasses import replace
 from itertools import pairwise
@@ -9,6 +10,7 @@ import pytest
 
 from eldir.errors import InputError
 from eldir_app.watch import run_view as viewing
+from eldir_app.watch.followed_run import FollowedRun
 from eldir_app.watch.marker_tracking import WalkMeter
 from eldir_app.watch.run_view import PagePosition, RunView
 from eldir_hardware.clock import VirtualClock
@@ -196,3 +198,25 @@ def test_the_walk_is_the_mean_motion_of_the_marks_since_the_cycles_that_count():
     moved[2] = [1.0, 0.0]  # seen for the first time
     assert walk.update(11.0, moved) == pytest.approx((0.02 + 0.02 + 0.0) / 3 / 0.1, abs=1e-3)
     assert walk.update(12.0, np.full((3, 2), np.nan)) is None
+
+
+def test_while_a_log_is_read_in_pieces_the_rest_is_known_to_be_there(tmp_path):
+    """Or the page of a run that has just ended would say that its log is not finished."""
+    path = tmp_path / "log.mcap"
+    with Recorder(path, CHANNELS, SPRINGS, EPOCH) as log:
+        for number in range(30_000):
+            log.on_temperatures(number / 10, [22.0, 30.0, 25.0, 26.0])
+
+    async def follow() -> list[tuple[bool, bool]]:
+        run = FollowedRun(None, path)
+        reading, seen = asyncio.create_task(run.run()), []
+        while not run.has_ended:
+            await run.wait_for_change()
+            seen.append((run.is_behind, run.has_ended))
+        await asyncio.sleep(0.2)
+        seen.append((run.is_behind, run.has_ended))
+        reading.cancel()
+        return seen
+
+    first, *_, last = asyncio.run(follow())
+    assert first == (True, False) and last == (False, True)

@@ -136,6 +136,10 @@ def test_a_run_in_virtual_time_is_shown_and_stopped(page, tmp_path):
         page.wait("Number(document.getElementById('legend').innerText.match(/ch 1: ([0-9.]+)/)?.[1]) > 26")
         page.click("#pause")
         page.wait("document.getElementById('mode').innerText == 'Paused: virtual.mcap'")
+        before = (tmp_path / "virtual.mcap").stat().st_size
+        time.sleep(1.0)
+        grown = (tmp_path / "virtual.mcap").stat().st_size - before
+        assert grown < 100_000, "a second of the person is a second of the run, not minutes"
         page.click("#stop")
         assert player.wait(10.0) == 1
         page.wait("document.getElementById('outcome').innerText.startsWith('Stopped after')")

@@ -76,7 +76,7 @@ function stopped() {
   const last = over() ? run.events.filter(([, , part]) => part === "player").at(-1) : null;
   const latch = run.rig && run.rig.latch && run.rig.latch[0] === false ? run.rig.latch[1] : "";
   return [
-    last && !last[1] ? `The run ended at ${last[0].toFixed(1)} s: ${last[3]}` : over() && !run.ended ? "The program that drove has gone, and its log is not finished." : "",
+    last && !last[1] ? `The run ended at ${last[0].toFixed(1)} s: ${last[3]}` : over() && !run.ended ? `The program that drove has gone${run.behind ? "; the rest of its log is being read." : ", and its log is not finished."}` : "",
     latch && `Nothing heats before eldir rig reset: ${latch}`,
   ].filter(Boolean).join("\n");
 }
