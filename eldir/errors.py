@@ -3,10 +3,14 @@ to do. An error about heat is printed before any other."""
 
 from __future__ import annotations
 
+import errno
 import sys
 from collections.abc import Iterator
 from contextlib import suppress
 from typing import TextIO
+
+DISK_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+"""Numbers of the errors of a file, a stream or the user's share that has no more room."""
 
 _LONGEST = 400  # characters of what was found
 _PRINTED = "printed_lines"  # an attribute of an error

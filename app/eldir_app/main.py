@@ -5,7 +5,6 @@ The emergency stop does not wait until the other commands are loaded.
 
 from __future__ import annotations
 
-import errno
 import os
 import signal
 import sys
@@ -15,9 +14,8 @@ from types import FrameType
 from typing import NoReturn
 
 from eldir.core import program_log
-from eldir.errors import EldirError, InputError, print_line, report
+from eldir.errors import DISK_FULL, EldirError, InputError, print_line, report
 
-_DISK_FULL = (errno.ENOSPC, errno.EDQUOT)
 _EMERGENCY_STOP = ["rig", "off"]
 _RETRY_INTERVAL_S = 0.05  # of a Ctrl-C that came during an import
 
@@ -76,7 +74,7 @@ def _exit_status(error: BaseException) -> int | str | None:
             return 1
         case BrokenPipeError():  # such as `eldir ... | head`
             return 1
-        case OSError() if error.errno in _DISK_FULL:
+        case OSError() if error.errno in DISK_FULL:
             print_line(f"cannot write: {error.strerror}; make room")
             return 1
     raise error

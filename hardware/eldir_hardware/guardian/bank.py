@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import NamedTuple
 
+from eldir.errors import DISK_FULL
 from eldir_hardware.relay.errors import NotProvenOffError
 from eldir_hardware.safety.stop_signals import StoppedError
 
@@ -95,6 +96,8 @@ def describe_reason(error: BaseException) -> str:
         return "stopped by Ctrl-C"
     if isinstance(error, StoppedError):
         return error.reason
+    if isinstance(error, OSError) and error.errno in DISK_FULL:
+        return f"cannot write: {error}"
     return str(error) or type(error).__name__
 
 
