@@ -36,6 +36,7 @@ from eldir_ros.conversions import (
     seconds_from,
     time_of,
 )
+from eldir_ros.conversions.schedules import schedule_of
 from tests.hardware.camera.lenses import lens_of
 from tests.hardware.rigs_and_schedules import SCHEDULE
 from tests.raised import raises
@@ -393,6 +394,6 @@ def test_the_boards_values_on_the_graph_are_the_logs_messages(rig, tmp_path):
 
 def test_what_was_measured_of_the_air_goes_with_the_run():
     for room in (None, 21.4375):
-        sent = runs.run_of(Run.RUNNING, "a", NOW, SCHEDULE, "", room)
+        sent = runs.run_of(Run.RUNNING, "a", NOW, schedule_of(SCHEDULE), "", room)
         assert runs.room_of(passed(sent)) == room
     assert runs.room_from(None) is None and runs.room_from(21) == 21.0

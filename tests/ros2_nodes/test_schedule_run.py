@@ -50,8 +50,7 @@ class Notes:
     def __init__(self):
         self.states, self.progress, self.messages = [], [], []
 
-    def on_state(self, state, start_ns, message, schedule, room_c):
-        assert schedule.period_s == SCHEDULE.period_s
+    def on_state(self, state, start_ns, message, room_c):
         self.room_c = room_c
         self.states.append((state, start_ns, message))
 

@@ -38,6 +38,8 @@ from eldir_ros.remote.heartbeats import PERIOD
 # A killed node stays in a domain's discovery for ten seconds: the next test could mistake it for its own.
 _DOMAINS = itertools.cycle(range(100 + os.getpid() % 50, 200))
 NODES = (*HEATING, *OBSERVERS)
+PATIENCE = 60.0
+"""Programs have this long to start and to answer where time is not what is tested [s]."""
 
 
 class Stalls:
@@ -120,7 +122,7 @@ class Graph:
         self._beat = threading.Thread(target=self._send_heartbeats, daemon=True)
         self._beat.start()
         self.start("virtual_bench")
-        wait_until((self.folder / "board").exists, 60)
+        wait_until((self.folder / "board").exists)
         for name in self._names:
             self.start(name)
         return self
@@ -130,7 +132,7 @@ class Graph:
             if process.poll() is None:
                 process.terminate()
         for process in self.processes.values():
-            process.wait(20)
+            process.wait(PATIENCE)
         self._left.set()  # Jazzy's executor must not be shut down while another thread spins it
         self._spinning.join()
         self._beat.join()
@@ -182,7 +184,7 @@ class Graph:
         return client.call_async(ChangeState.Request(transition=Transition(id=transition)))
 
     def change(self, name: str, transition: int) -> bool:
-        return bool(self._wait(self.request(name, transition), 60).success)
+        return bool(self._wait(self.request(name, transition)).success)
 
     def configure(self, name: str) -> bool:
         return self.change(name, Transition.TRANSITION_CONFIGURE)
@@ -195,7 +197,7 @@ class Graph:
 
     def state(self, name: str) -> str:
         client = self._client(GetState, f"{name}/get_state")
-        label = self._wait(client.call_async(GetState.Request()), 20).current_state.label
+        label = self._wait(client.call_async(GetState.Request())).current_state.label
         return str(label)
 
     def ready(self) -> None:
@@ -204,17 +206,17 @@ class Graph:
             assert self.configure(name), self.said(name)
             assert self.activate(name), self.said(name)
         # The sequencer knows it by their heartbeats, as run_schedule does before it sends a goal.
-        wait_until(lambda: all(self._states.get(name) == "active" for name in self._names), 20)
+        wait_until(lambda: all(self._states.get(name) == "active" for name in self._names))
 
     def call(self, service: str) -> Any:
         client = self._client(Trigger, service)
-        return self._wait(client.call_async(Trigger.Request()), 20)
+        return self._wait(client.call_async(Trigger.Request()))
 
     def _client(self, kind: Any, service: str) -> Any:
         """Kept to the end: destroying one while the executor spins can end the executor."""
         if service not in self._clients:
             self._clients[service] = self.node.create_client(kind, service)
-        assert self._clients[service].wait_for_service(20), service
+        assert self._clients[service].wait_for_service(PATIENCE), service
         return self._clients[service]
 
     # The action.
@@ -226,15 +228,15 @@ class Graph:
     def order(self, goal: Any) -> Any:
         """Send a goal; its handle."""
         self.feedback.clear()
-        assert self._action.wait_for_server(20)
-        wait_until(lambda: self._alive.get_subscription_count() > 0, 20)
+        assert self._action.wait_for_server(PATIENCE)
+        wait_until(lambda: self._alive.get_subscription_count() > 0)
         # In the thread that spins: rclpy drops an answer that comes before the sender has noted its request.
         sent = self._executor.create_task(
             self._action.send_goal_async, goal, lambda m: self.feedback.append(m.feedback)
         )
-        return self._wait(self._wait(sent, 20), 20)
+        return self._wait(self._wait(sent, PATIENCE))
 
-    def result(self, goal: Any, patience: float = 60.0) -> Any:
+    def result(self, goal: Any, patience: float = PATIENCE) -> Any:
         return self._wait(goal.get_result_async(), patience).result
 
     def heating(self, schedule: dict[str, Any]) -> Any:
@@ -265,7 +267,7 @@ class Graph:
         """Something took no longer than `most` [s], and than the machine withheld its processor meanwhile."""
         assert seconds < most + self.stalls.worst, f"this process was held up for {self.stalls.worst:.2f} s"
 
-    def _wait(self, future: Any, patience: float) -> Any:
+    def _wait(self, future: Any, patience: float = PATIENCE) -> Any:
         wait_until(future.done, patience)
         return future.result()
 
@@ -275,7 +277,7 @@ def message_of(schedule: dict[str, Any]) -> Any:
     return schedule_of(read_schedule(json.dumps(schedule)))
 
 
-def wait_until(condition: Any, patience: float) -> None:
+def wait_until(condition: Any, patience: float = PATIENCE) -> None:
     deadline = time.monotonic() + patience
     while not condition():
         assert time.monotonic() < deadline, "the condition was not met in time"

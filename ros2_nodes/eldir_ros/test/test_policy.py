@@ -76,8 +76,8 @@ def test_the_policy_allows_what_the_nodes_do(tmp_path):
                 if "/_action/" not in used
             }
 
-        wait_until(lambda: set(every) <= set(node.get_node_names()), 20)
-        wait_until(lambda: all({r for r, _, _ in done(n)} >= {"publish", "reply"} for n in every), 20)
+        wait_until(lambda: set(every) <= set(node.get_node_names()))
+        wait_until(lambda: all({r for r, _, _ in done(n)} >= {"publish", "reply"} for n in every))
         found, before = {n: done(n) for n in every}, None
         while found != before:  # nothing more has been discovered for a second
             time.sleep(1.0)

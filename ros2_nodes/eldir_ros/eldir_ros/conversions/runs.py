@@ -9,14 +9,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from eldir_msgs.action import RunSchedule
-from eldir_msgs.msg import Edge, HeatCommand, Pulse, RangeOfMotion, Run
+from eldir_msgs.msg import Edge, HeatCommand, Pulse, RangeOfMotion, Run, Schedule
 
 from eldir.core.records import FloatArray
 from eldir.errors import InputError
 from eldir_hardware.run.player import ContactEdge
 from eldir_hardware.schedule import ActuationSchedule
 from eldir_ros.conversions import duration_of, header_of, seconds_from, time_of
-from eldir_ros.conversions.schedules import schedule_of
 
 FINISHED = int(RunSchedule.Result.FINISHED)
 CANCELLED = int(RunSchedule.Result.CANCELLED)
@@ -51,16 +50,17 @@ def run_of(
     state: int,
     run_id: str,
     start: int,
-    schedule: ActuationSchedule,
+    schedule: Schedule,
     message: str,
     room_c: float | None = None,
 ) -> Run:
-    """State of a run; `start` is the start of the schedule [ns], `room_c` the measured air [C]."""
+    """State of a run; `start` is the start of the schedule [ns], `room_c` the measured air [C]. The message
+    of the schedule is taken as it is: between the first commands of a run there is no time to make one."""
     return Run(
         state=state,
         id=run_id,
         start=time_of(start),
-        schedule=schedule_of(schedule),
+        schedule=schedule,
         message=message,
         room_temperature=[] if room_c is None else [room_c],
     )

@@ -19,7 +19,6 @@ from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 
 from eldir_hardware.rig.configuration import Rig
-from eldir_hardware.schedule import ActuationSchedule
 from eldir_ros.base.parameters import get_file, get_number, get_optional_value, get_text, get_texts
 from eldir_ros.base.qualities import COMPLETE, LATCHED
 from eldir_ros.base.rig_node import ACTIVE, RigNode
@@ -171,10 +170,8 @@ class _GoalLink:
 
     # To everyone.
 
-    def on_state(
-        self, state: int, start_ns: int, message: str, schedule: ActuationSchedule, room_c: float | None
-    ) -> None:
-        run = runs.run_of(state, self._id, start_ns, schedule, message, room_c)
+    def on_state(self, state: int, start_ns: int, message: str, room_c: float | None) -> None:
+        run = runs.run_of(state, self._id, start_ns, self._goal.request.schedule, message, room_c)
         self._node.run_states.publish(run)
 
     def on_message(self, text: str) -> None:

@@ -83,10 +83,8 @@ class RunScheduleResult:
 class RunListener(Protocol):
     """Receives the progress of a run."""
 
-    def on_state(
-        self, state: int, start_ns: int, message: str, schedule: ActuationSchedule, room_c: float | None
-    ) -> None:
-        """The run of a schedule began or ended; `state` as in Run.msg. `room_c`: the measured air [C]."""
+    def on_state(self, state: int, start_ns: int, message: str, room_c: float | None) -> None:
+        """The run began or ended; `state` as in Run.msg. `room_c`: the measured air [C]."""
 
     def on_progress(self, progress: RunProgress) -> None:
         """The board has reported."""
@@ -141,7 +139,7 @@ class ScheduleRun:
                 nonlocal start_ns, start_t
                 start_t = start
                 start_ns = self._now_ns() + round(1e9 * (start - clock.now()))
-                self._listener.on_state(Run.RUNNING, start_ns, "", schedule, room.room_c)
+                self._listener.on_state(Run.RUNNING, start_ns, "", room.room_c)
                 self._listener.on_message(f"{duration:.1f} s")
 
             player.play(clock.now() + request.lead, on_ready)
@@ -154,9 +152,9 @@ class ScheduleRun:
             proven = not start_ns or (self._bank.last is not None and not any(self._bank.last.closed))
         if outcome == runs.STOPPED and not start_ns:
             outcome = runs.REFUSED
-        if start_ns and self._schedule is not None:
+        if start_ns:
             state = Run.FINISHED if outcome == runs.FINISHED else Run.ENDED
-            self._listener.on_state(state, start_ns, message, self._schedule, self._room_c)
+            self._listener.on_state(state, start_ns, message, self._room_c)
         self._listener.on_message(message)
         last = self._bank.last
         return RunScheduleResult(

@@ -19,7 +19,7 @@ pytest.importorskip("eldir_msgs", reason="needs the package eldir_msgs, built by
 
 from ament_index_python.packages import get_package_prefix  # noqa: E402
 from eldir_msgs.action import RunSchedule  # noqa: E402
-from graph import Graph, message_of, wait_until  # noqa: E402
+from graph import PATIENCE, Graph, message_of, wait_until  # noqa: E402
 from schedules import CONFIG, LONG, SHORT  # noqa: E402
 
 from eldir_ros.conversions import runs  # noqa: E402
@@ -61,7 +61,7 @@ def test_the_heat_does_not_outlive_its_client(graph, number):
     off_after(graph, f"run_schedule {number.name}", lambda: client.send_signal(number))
     if number == signal.SIGSTOP:
         client.send_signal(signal.SIGCONT)
-    status = client.wait(20)
+    status = client.wait(PATIENCE)
     assert status == (-9 if number == signal.SIGKILL else 1), graph.said("run_schedule")
     assert graph.state("relay_board") == "active", "a client that goes is no emergency"
 
@@ -74,7 +74,7 @@ def test_the_heat_does_not_outlive_the_command_that_started_the_client(graph, nu
     )
     client = heated_by(graph, start)
     off_after(graph, f"ros2 run {number.name}", lambda: client.send_signal(number))
-    client.wait(20)
+    client.wait(PATIENCE)
 
 
 def test_a_client_of_any_kind_must_send_heartbeats(graph):
@@ -111,7 +111,7 @@ def test_a_schedule_without_digests_needs_a_reason(graph):
     refused = graph.result(graph.order(RunSchedule.Goal(schedule=edited, client="tester")))
     assert refused.outcome == runs.REFUSED and "it was edited" in refused.message and graph.edges() == []
     graph.processes["actuation_sequencer"].terminate()
-    graph.processes["actuation_sequencer"].wait(20)
+    graph.processes["actuation_sequencer"].wait(PATIENCE)
     graph.start("actuation_sequencer", accept_mismatch="a plan of our own")
     assert graph.configure("actuation_sequencer") and graph.activate("actuation_sequencer")
     played = graph.result(graph.order(RunSchedule.Goal(schedule=by_hand, client="tester")))

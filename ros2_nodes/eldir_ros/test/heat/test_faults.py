@@ -18,7 +18,7 @@ pytest.importorskip("eldir_msgs", reason="needs the package eldir_msgs, built by
 
 from builtin_interfaces.msg import Time  # noqa: E402
 from eldir_msgs.msg import EmergencyStop, HeatCommand, Pulse, RangeOfMotion, ReferenceTags, Run  # noqa: E402
-from graph import Graph, message_of, wait_until  # noqa: E402
+from graph import PATIENCE, Graph, message_of, wait_until  # noqa: E402
 from lifecycle_msgs.msg import Transition  # noqa: E402
 from schedules import LONG, SHORT  # noqa: E402
 from visualization_msgs.msg import MarkerArray  # noqa: E402
@@ -44,7 +44,7 @@ def test_a_node_that_is_back_is_no_error_any_more(tmp_path):
         graph.processes["actuation_sequencer"].send_signal(signal.SIGSTOP)
         wait_until(lambda: SILENT in level(graph, "relay_board")[1], NODE_TIMEOUT + 20)
         graph.processes["actuation_sequencer"].send_signal(signal.SIGCONT)
-        wait_until(lambda: level(graph, "relay_board") == (b"\x00", "active"), 20)
+        wait_until(lambda: level(graph, "relay_board") == (b"\x00", "active"))
 
 
 def test_a_recorder_that_is_late_ends_no_run(tmp_path):
@@ -93,7 +93,7 @@ def test_a_prediction_that_was_killed_is_told_and_holds_no_node_up(tmp_path):
         graph.ready()
         goal = graph.heating(SHORT)
         node = graph.processes["range_of_motion"]
-        wait_until(lambda: children(node.pid), 20)
+        wait_until(lambda: children(node.pid))
         for child in children(node.pid):
             os.kill(child, signal.SIGTERM)
         wait_until(
@@ -101,7 +101,7 @@ def test_a_prediction_that_was_killed_is_told_and_holds_no_node_up(tmp_path):
         )
         assert graph.result(goal).outcome == runs.FINISHED
         node.terminate()
-        assert node.wait(20) == 0
+        assert node.wait(PATIENCE) == 0
 
 
 @pytest.mark.parametrize("stopped", [False, True])
@@ -127,24 +127,24 @@ def test_a_run_that_ended_early_has_no_further_cycles(tmp_path, stopped):
         run.publish(Run(state=Run.RUNNING, id="a", schedule=schedule))
         hold_prediction(node)  # it began, so the node has heard of the run; its end will tell that of the end
         show(0.0, 21.0)
-        wait_until(lambda: [r.cycle for r in ranges] == [1], 20)
+        wait_until(lambda: [r.cycle for r in ranges] == [1])
         if stopped:  # by a relay board whose sequencer has died, and tells nothing
             stop.publish(EmergencyStop(stopped=True, reason="tried"))
         else:
             run.publish(Run(state=Run.ENDED, id="a", schedule=schedule))
-        wait_until(lambda: not children(node), 20)
+        wait_until(lambda: not children(node))
         show(21.0, 42.0)
         time.sleep(2.0)  # for a second cycle to be told, as it would be without the end
         run.publish(Run(state=Run.RUNNING, id="b", schedule=schedule, start=Time(sec=100)))
         hold_prediction(node)
         show(100.0, 121.0)
-        wait_until(lambda: len(ranges) > 1, 20)
+        wait_until(lambda: len(ranges) > 1)
         assert [(r.cycle, r.header.stamp.sec) for r in ranges] == [(1, 20), (1, 120)]
 
 
 def hold_prediction(node):
     """Wait for the prediction of a run, and stop it: it then ends only when the node ends it."""
-    wait_until(lambda: children(node), 20)
+    wait_until(lambda: children(node))
     for child in children(node):
         os.kill(child, signal.SIGSTOP)
 

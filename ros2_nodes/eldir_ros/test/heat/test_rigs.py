@@ -72,7 +72,7 @@ def test_two_rigs_on_one_graph_know_nothing_of_each_other(rigs):
     status, lines = diagnosed(left)
     assert status == 1 and "FAIL  emergency stop: latched: the emergency stop was called" in lines
     assert right.state("relay_board") == "active" and not any(s.stopped for s in right.stops)
-    wait_until(lambda: frames, 20)
+    wait_until(lambda: frames)
     assert frames == {"left/ground"}
     wait_until(lambda: any(s.name == "/left/relay_board: state" for s in list(right.diagnostics)), 10)
 

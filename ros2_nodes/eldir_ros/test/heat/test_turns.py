@@ -12,7 +12,7 @@ import pytest
 rclpy = pytest.importorskip("rclpy", reason="needs ROS 2 Jazzy")
 pytest.importorskip("eldir_msgs", reason="needs the package eldir_msgs, built by colcon")
 
-from graph import wait_until  # noqa: E402
+from graph import PATIENCE, wait_until  # noqa: E402
 from rclpy.context import Context  # noqa: E402
 from rclpy.executors import MultiThreadedExecutor  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
@@ -72,10 +72,10 @@ def test_a_topic_that_always_has_a_message_keeps_no_other_from_being_heard(nodes
     busy, other = nodes
     pictures, run = (other.create_publisher(String, name, COMPLETE) for name in ("pictures", "run"))
     stop = other.create_client(Trigger, "stop")
-    wait_until(lambda: pictures.get_subscription_count() and run.get_subscription_count(), 20)
-    assert stop.wait_for_service(20)
+    wait_until(lambda: pictures.get_subscription_count() and run.get_subscription_count())
+    assert stop.wait_for_service(PATIENCE)
     other.create_timer(0.01, lambda: pictures.publish(String(data="picture")))
-    wait_until(lambda: busy.pictures > 5, 20)
+    wait_until(lambda: busy.pictures > 5)
     for number in range(5):
         asked = time.monotonic()
         run.publish(String(data=str(number)))

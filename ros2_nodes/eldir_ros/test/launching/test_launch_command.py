@@ -16,7 +16,7 @@ import pytest
 rclpy = pytest.importorskip("rclpy", reason="needs ROS 2 Jazzy")
 pytest.importorskip("eldir_msgs", reason="needs the package eldir_msgs, built by colcon")
 
-from graph import all_open, edges_in, stalls, wait_until  # noqa: E402
+from graph import PATIENCE, all_open, edges_in, stalls, wait_until  # noqa: E402
 from schedules import LONG, SHORT  # noqa: E402
 
 
@@ -119,7 +119,7 @@ def test_nothing_outlives_the_launch(launched, number):
     off = edges_in(launch.trace)[-1][0] - asked
     print(f"{number.name} to ros2 launch: off {off:.3f} s later")
     assert off < 1.0 + held_up.worst
-    launch.process.wait(20)
+    launch.process.wait(PATIENCE)
     wait_until(lambda: not any(runs(n) for n in launch.started), 30)
 
 

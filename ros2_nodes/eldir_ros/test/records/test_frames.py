@@ -33,7 +33,7 @@ def test_the_camera_stands_where_it_truly_is(tmp_path):
     told, pictures = [], []
     with Graph(tmp_path, ("camera", "mass_tracker"), "left") as graph:
         graph.ready()
-        wait_until(lambda: any(n == "/tf_static" for n, _ in graph.node.get_topic_names_and_types()), 20)
+        wait_until(lambda: any(n == "/tf_static" for n, _ in graph.node.get_topic_names_and_types()))
         graph.node.create_subscription(TFMessage, "/tf_static", told.append, STATIC)
         graph.node.create_subscription(
             CompressedImage, "camera/image_raw/compressed", pictures.append, COMPLETE
@@ -41,7 +41,7 @@ def test_the_camera_stands_where_it_truly_is(tmp_path):
         wait_until(lambda: told and pictures, 60)
         late: list[TFMessage] = []
         graph.node.create_subscription(TFMessage, "/tf_static", late.append, STATIC)
-        wait_until(lambda: late, 20)
+        wait_until(lambda: late)
     body, optical = late[0].transforms
     assert (body.header.frame_id, body.child_frame_id) == ("left/ground", "left/camera")
     assert (optical.header.frame_id, optical.child_frame_id) == ("left/camera", "left/camera_optical_frame")

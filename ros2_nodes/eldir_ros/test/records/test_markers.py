@@ -89,7 +89,7 @@ def test_a_run_on_a_printed_ground_is_tracked_recorded_and_shown_beside_its_pred
         graph.ready()
         result = graph.result(graph.send(schedule.to_json()), 120)
         assert result.outcome == runs.FINISHED, result.message
-        wait_until(lambda: "wrote" in graph.said("mcap_recorder"), 20)
+        wait_until(lambda: "wrote" in graph.said("mcap_recorder"))
         wait_until(lambda: "cycle 1: tracked" in graph.said("range_of_motion"), 30)
         assert pictures and "Traceback" not in graph.said("mass_tracker")
     (log,) = map(read_log, tmp_path.glob("run-*/log.mcap"))

@@ -12,7 +12,7 @@ import pytest
 rclpy = pytest.importorskip("rclpy", reason="needs ROS 2 Jazzy")
 pytest.importorskip("eldir_msgs", reason="needs the package eldir_msgs, built by colcon")
 
-from graph import Graph, wait_until  # noqa: E402
+from graph import PATIENCE, Graph, wait_until  # noqa: E402
 from mcap.reader import make_reader  # noqa: E402
 from schedules import CONFIG, LONG, MIDDLE, SHORT  # noqa: E402
 from sensor_msgs.msg import CameraInfo, CompressedImage  # noqa: E402
@@ -156,7 +156,7 @@ def test_a_log_that_is_played_like_a_bag_feeds_the_tracker(recorded, tmp_path):
             if channel.topic not in publishers:
                 kind = {IMAGE: CompressedImage, CAMERA_INFO: CameraInfo}[channel.topic]
                 publishers[channel.topic] = graph.node.create_publisher(kind, channel.topic, COMPLETE)
-                wait_until(lambda p=publishers[channel.topic]: p.get_subscription_count() > 0, 20)
+                wait_until(lambda p=publishers[channel.topic]: p.get_subscription_count() > 0)
             publishers[channel.topic].publish(bytes(record.data))
             time.sleep(0.03)
         wait_until(lambda: len(seen) == len(wanted.times), 60)
@@ -182,7 +182,7 @@ def test_all_nodes_in_one_process(tmp_path):
         graph.processes["rig_process"].terminate()
         asked = time.monotonic()
         graph.require_within(graph.all_off() - asked, 1.0)
-        assert goal.accepted and graph.processes["rig_process"].wait(20) == 0
+        assert goal.accepted and graph.processes["rig_process"].wait(PATIENCE) == 0
         assert "did not report" not in graph.said("rig_process"), "the relay board ends last"
     log = read_log(min(tmp_path.glob("run-*/log.mcap")))
     assert log.tracks is not None and log.frame_count > 40
