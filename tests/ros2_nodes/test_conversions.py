@@ -13,6 +13,7 @@ from sensor_msgs.msg import CameraInfo, RegionOfInterest
 
 from eldir.errors import InputError
 from eldir_hardware.camera.plane import CameraPose, Plane, TagBoard
+from eldir_hardware.camera.projection import DiscPoses
 from eldir_hardware.images import jpeg
 from eldir_hardware.log.reader import read_log
 from eldir_hardware.log.recorder import Recorder
@@ -157,6 +158,17 @@ def test_marks_are_metres_in_the_ground_frame_with_z_up():
     masses = np.random.default_rng(1).normal(size=(20, 2))
     poses = passed(marks.poses_of(NOW, masses))
     np.testing.assert_array_equal(marks.positions_from(poses), masses)
+
+
+def test_discs_pass_with_their_rotations():
+    rng = np.random.default_rng(1)
+    outsides = rng.normal(size=(3, 2, 3))
+    rotations = Rotation.from_rotvec(rng.normal(size=(6, 3))).as_matrix().reshape(3, 2, 3, 3)
+    message = passed(marks.discs_of(NOW, DiscPoses(outsides, rotations)))
+    discs = marks.discs_from(message)
+    assert nanoseconds(message.header.stamp) == NOW
+    np.testing.assert_array_equal(discs.outsides, outsides)
+    np.testing.assert_allclose(discs.rotations, rotations, atol=1e-12)
 
 
 def test_the_frames_lead_from_the_ground_to_what_a_pixel_sees():

@@ -30,7 +30,7 @@ GOALS: dict[Goal, tuple[float, float]] = {
 """Goal of each number of a `TransferAgreement`, from and to."""
 _MIN_RANKED_WALKS = 3  # walks that can be ranked
 _MIN_RELIABLE_WALKS = 10  # walks with which a rank correlation is still uncertain
-
+_LARGE_YAW = np.radians(20.0)  # in five cycles: such a robot leaves the camera's plane
 
 Share = Annotated[float, Rounded(9, ge=0, le=1)]
 _MIN_DIFFERENCE = 0.05  # body lengths per five cycles: there is nothing to explain
@@ -72,22 +72,32 @@ class TransferAgreement(Record):
         )
 
 
+def rank_in_mujoco(compared: Sequence[ComparedWalk]) -> list[ComparedWalk]:
+    """The designs, each in its own gait, by how far their robots walk in MuJoCo: as `eldir shortlist` ranks
+    samples of the engine (`SampledWalks.fitness`)."""
+    return sorted((one for one in compared if one.is_own_gait), key=lambda one: -one.mujoco.fitness)
+
+
 @dataclass(frozen=True)
 class TransferVerdict:
-    """Agreement of all walks, of those without ties, and of those whose prediction ties make doubtful."""
+    """Agreement of all walks, of those without ties, and of those whose prediction ties make doubtful; and
+    which design to build."""
 
     all_walks: TransferAgreement
     untied: TransferAgreement
     """Walks that are not flagged as ties."""
     tied: TransferAgreement
     """Walks that are."""
+    ranked: tuple[ComparedWalk, ...] = ()
+    """The designs as `rank_in_mujoco` orders them."""
 
     @classmethod
     def of(cls, compared: Sequence[ComparedWalk]) -> TransferVerdict:
         """The verdict on these walks."""
         untied = [one for one in compared if not one.tied]
         tied = [one for one in compared if one.tied]
-        return cls(TransferAgreement.of(compared), TransferAgreement.of(untied), TransferAgreement.of(tied))
+        agreements = [TransferAgreement.of(walks) for walks in (compared, untied, tied)]
+        return cls(*agreements, tuple(rank_in_mujoco(compared)))
 
     @property
     def goal_values(self) -> dict[Goal, float]:
@@ -137,6 +147,10 @@ class TransferVerdict:
             sentences.append(
                 f"Error: flagged as ties, the mean walks differ by {tied.mean_error:.2f} on average."
             )
+        if len(self.ranked) > 1:
+            first, *others = [f"{one.file} ({_describe_walks(one)})" for one in self.ranked]
+            rule = "mean walk in MuJoCo less half the standard deviation"
+            sentences.append(f"To build first, by the {rule}: {first}; then {', '.join(others)}.")
         if all_walks.walks < _MIN_RELIABLE_WALKS:
             sentences.append("These are few walks: compare more designs before you rely on the numbers.")
         return sentences
@@ -152,6 +166,11 @@ class TransferVerdict:
         if self.goal_values[name] > GOALS[name][1] and name == "coverage":
             return f"goal: {bounds}; more means that the intervals are wide"
         return f"goal: {bounds}, {'reached' if self.reached[name] else 'missed'}"
+
+
+def _describe_walks(one: ComparedWalk) -> str:
+    turns = f", turns by up to {np.degrees(one.largest_yaw):.0f} degrees in five cycles"
+    return f"{one.mujoco.fitness:.2f}{turns if one.largest_yaw > _LARGE_YAW else ''}"
 
 
 Number = Annotated[float, Rounded(9)]

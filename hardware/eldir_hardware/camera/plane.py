@@ -261,3 +261,8 @@ def to_quaternion(rotation: FloatArray) -> tuple[float, float, float, float]:
     """Quaternion x, y, z, w of a rotation matrix (3, 3), with w >= 0."""
     x, y, z, w = Rotation.from_matrix(rotation).as_quat(canonical=True).tolist()
     return x, y, z, w
+
+
+def from_quaternion(x: float, y: float, z: float, w: float) -> FloatArray:
+    """Rotation matrix (3, 3) of a quaternion."""
+    return np.asarray(Rotation.from_quat([x, y, z, w]).as_matrix())

@@ -23,6 +23,7 @@ from eldir.errors import EldirError, InputError
 from eldir.terrain import Terrain
 from eldir_hardware.camera.lens import Lens, require_not_expired
 from eldir_hardware.camera.plane import FieldOfView, Image, Plane, TagBoard
+from eldir_hardware.camera.projection import DiscPoses
 from eldir_hardware.resource import Resource
 from eldir_hardware.rig.addresses import hide_password
 from eldir_hardware.rig.configuration import Rig
@@ -242,6 +243,8 @@ class RobotCamera:
     def __init__(self, rig: Rig, design: Design):
         entry = rig.camera or VirtualCameraEntry(kind="virtual")
         self._springs, self._marked = design.morphology.springs, design.marks
+        self.sees_discs = rig.virtual.dimensions == 3
+        """Whether it needs the places of the discs of both faces, as of a robot that may leave its plane."""
         robot, terrain = build(design.morphology), lay_on_table(design)
         positions = place(robot, terrain)[:2].T
         self._camera = _render_camera(rig, entry, positions, _ANY_WALK, terrain)
@@ -261,3 +264,7 @@ class RobotCamera:
     def render(self, positions: FloatArray) -> Image:
         """BGR picture (H, W, 3) with the masses at `positions` (M, 2) [m]."""
         return self._camera.render(positions, self._springs, self._marked)
+
+    def render_solid(self, discs: DiscPoses) -> Image:
+        """BGR picture (H, W, 3) of the robot with its discs where they are in space."""
+        return self._camera.render_solid(discs, self._springs, self._marked)

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from eldir_calibration.transfer.biplane_walks import BiplaneWalk
 from eldir_calibration.transfer.verdict import ExplainedWalk, TransferAgreement, TransferVerdict
 from tests.calibration.transfer.made_up_walks import FALL, compared
 
@@ -141,3 +144,20 @@ def test_an_explanation_names_the_law_that_brings_both_together() -> None:
     same = ExplainedWalk("a.json", 1, 0.5, 0.54, {"pins": 0.5, "slope": FALL})
     assert same.finding == "MuJoCo and the engine differ by less than 0.05; it falls without slope"
     assert "falls" in ExplainedWalk("a.json", 1, 0.5, FALL, without).finding
+
+
+def test_designs_are_ranked_by_what_their_robots_reach_in_mujoco() -> None:
+    """Not by the predicted walk. Other phases of a gait are no designs; a fall is no walk."""
+    far = replace(
+        compared(spread_around(2.0), [2.0, 1.0], file="far.json"),
+        in_space=(BiplaneWalk(2.0, yaw=-0.2), BiplaneWalk(1.0, yaw=-np.radians(78.0))),
+    )
+    steady = compared(spread_around(1.5), [1.5, 1.4], file="steady.json")
+    falls = compared(spread_around(3.0), [3.0, FALL], file="falls.json")
+    phases = replace(compared(spread_around(3.0), [3.0, 3.0], file="far.json"), is_own_gait=False)
+    told = " ".join(TransferVerdict.of([far, falls, steady, phases]).sentences)
+    order = "steady.json (1.41); then far.json (1.15, turns by up to 78 degrees in five cycles), "
+    assert f"To build first, by the mean walk in MuJoCo less half the standard deviation: {order}" in told
+    assert "falls.json (0.44)." in told
+    told = " ".join(TransferVerdict.of([far, phases]).sentences)
+    assert "To build" not in told, "there is nothing to choose"

@@ -2,7 +2,7 @@
 # Use of this source code is governed by an MIT-style license that can be found in the LICENSE file or at
 # https://opensource.org/licenses/MIT.
 
-"""Positions of the mass markers m1 to m5 in the plane of motion.
+"""Positions of the mass markers m1 to m5 in the plane of motion, and of what moves in the virtual rig.
 
 Frame `ground`: x forward, z up from the ground, y zero in the plane (REP-103); it does not move
 (REP-105's `map`).
@@ -16,6 +16,8 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from eldir.core.records import FloatArray
+from eldir_hardware.camera.plane import from_quaternion, to_quaternion
+from eldir_hardware.camera.projection import DiscPoses
 from eldir_hardware.log.messages import FRAME_ID
 from eldir_hardware.markers.registration import DISC_DIAMETER, PALETTE
 from eldir_ros.conversions import header_of, nanoseconds
@@ -41,6 +43,26 @@ def poses_of(stamp: int, positions: FloatArray, frame: str = FRAME_ID) -> PoseAr
 def positions_from(message: PoseArray) -> FloatArray:
     """Points (K, 2) [m] of a message."""
     return np.array([(p.position.x, p.position.z) for p in message.poses], float).reshape(-1, 2)
+
+
+def discs_of(stamp: int, discs: DiscPoses, frame: str = FRAME_ID) -> PoseArray:
+    """Middles of the outer sides of a robot's discs and their rotations: front and back of the first hub,
+    then of the next one."""
+    poses = []
+    for outside, rotation in zip(
+        discs.outsides.reshape(-1, 3), discs.rotations.reshape(-1, 3, 3), strict=True
+    ):
+        (x, y, z), (a, b, c, w) = outside.tolist(), to_quaternion(rotation)
+        poses.append(Pose(position=Point(x=x, y=y, z=z), orientation=Quaternion(x=a, y=b, z=c, w=w)))
+    return PoseArray(header=header_of(stamp, frame), poses=poses)
+
+
+def discs_from(message: PoseArray) -> DiscPoses:
+    """The discs of a message of `discs_of`."""
+    outsides = [(p.position.x, p.position.y, p.position.z) for p in message.poses]
+    turns = [p.orientation for p in message.poses]
+    rotations = [from_quaternion(q.x, q.y, q.z, q.w) for q in turns]
+    return DiscPoses(np.array(outsides).reshape(-1, 2, 3), np.array(rotations).reshape(-1, 2, 3, 3))
 
 
 def markers_of(

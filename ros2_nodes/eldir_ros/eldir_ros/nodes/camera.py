@@ -43,6 +43,7 @@ class CameraNode(RigNode):
         self._info = self.advertise(CameraInfo, "camera/camera_info", RELIABLE)
         self._tags = self.advertise(ReferenceTags, "camera/tags", LATCHED)
         self.listen(PoseArray, "bench/masses", self._on_masses, NEWEST)
+        self.listen(PoseArray, "bench/discs", self._on_discs, NEWEST)
         self._rate = HeaderlessTopicDiagnostic(
             "pictures", self.diagnostics, FrequencyStatusParam({"min": 5.0, "max": 120.0})
         )
@@ -86,9 +87,16 @@ class CameraNode(RigNode):
 
     def _on_masses(self, message: PoseArray) -> None:
         """Render the virtual robot at its new position."""
-        if self._virtual is None or self.state != ACTIVE:
-            return
-        picture = self._virtual.render(marks.positions_from(message))
+        if self._virtual is not None and not self._virtual.sees_discs and self.state == ACTIVE:
+            self._show(message, self._virtual.render(marks.positions_from(message)))
+
+    def _on_discs(self, message: PoseArray) -> None:
+        """Render a virtual robot that may leave its plane."""
+        if self._virtual is not None and self._virtual.sees_discs and self.state == ACTIVE:
+            self._show(message, self._virtual.render_solid(marks.discs_from(message)))
+
+    def _show(self, message: PoseArray, picture: NDArray[np.uint8]) -> None:
+        """Publish the picture of a robot at the stamp of its place."""
         self._publish(nanoseconds(message.header.stamp), jpeg.encode(picture).tobytes(), picture)
 
     def _play(self) -> None:

@@ -19,7 +19,6 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from eldir.built.ground import lay_on_table
-from eldir.core.arguments import require_value
 from eldir.design import Design
 from eldir.errors import EldirError
 from eldir_hardware.rig.configuration import Rig
@@ -37,12 +36,14 @@ _MIN_SHUTDOWN, _MAX_SHUTDOWN = 1.5, 4.0  # time for guardians to open contacts a
 
 
 class VirtualBenchNode(Node):
-    """Publishes the true positions of the robot's masses, at the virtual camera's rate."""
+    """Publishes the true positions of the robot's masses, and of its discs where it may leave its plane, at
+    the virtual camera's rate."""
 
     def __init__(self, **options: Any):
         super().__init__("virtual_bench", **options)
         declare_parameters(self, "virtual_bench")
         self._masses = self.create_publisher(PoseArray, "bench/masses", RELIABLE)
+        self._discs = self.create_publisher(PoseArray, "bench/discs", RELIABLE)
         self._ground = frame_name(self, marks.FRAME_ID)
         self._edges_written = 0
         self._opened = ExitStack()
@@ -62,13 +63,6 @@ class VirtualBenchNode(Node):
         trace, link = find_file(self, "trace"), find_file(self, "port")
         self._trace = None if trace is None else opened.enter_context(trace.open("w", buffering=1))
         virtual, springs = rig.virtual, rig.spring_parameters()
-        require_value(
-            "virtual.dimensions",
-            virtual.dimensions == 2,
-            "2: the node's messages have places in the plane",
-            virtual.dimensions,
-            "drive this rig with `eldir rig drive`",
-        )
         body = opened.enter_context(
             BodyProcess(
                 virtual.physics,
@@ -77,6 +71,7 @@ class VirtualBenchNode(Node):
                 springs,
                 design.ballast,
                 terrain=lay_on_table(design),
+                dimensions=virtual.dimensions,
             )
         )
         self._rig = opened.enter_context(VirtualRig(rig, body))
@@ -94,6 +89,8 @@ class VirtualBenchNode(Node):
         stamp = int(self.get_clock().now().nanoseconds) - round(1e9 * late)
         with suppress(Exception):  # the context may just have been shut down
             self._masses.publish(marks.poses_of(stamp, frame.positions, self._ground))
+            if frame.discs is not None:
+                self._discs.publish(marks.discs_of(stamp, frame.discs, self._ground))
 
     def _write_edges(self) -> None:
         edges = self._rig.emulator.contact_events

@@ -10,6 +10,7 @@ from importlib.util import find_spec
 
 import numpy as np
 import pytest
+import yaml
 
 rclpy = pytest.importorskip("rclpy", reason="needs ROS 2 Jazzy")
 pytest.importorskip("eldir_msgs", reason="needs the package eldir_msgs, built by colcon")
@@ -58,6 +59,28 @@ def test_markers_of_the_rig_files_kind_are_tracked(tmp_path, kind):
     print(f"{kind}: at most {1e3 * off.max():.2f} mm from the true places")
     assert off.max() < 2e-3
     assert not found or {d.id for d in found[-1].detections} <= {"m1", "m2", "m3", "m4", "m5"}
+
+
+def test_a_robot_that_may_leave_its_plane_is_seen_in_space(tmp_path):
+    rig, values = tmp_path / "rig.yaml", yaml.safe_load((CONFIG / "rig.yaml").read_text())
+    values["virtual"] |= {"physics": "mujoco", "dimensions": 3}
+    values["supply"]["outputs"] = "each"
+    rig.write_text(yaml.safe_dump(values))
+    seen, truth, discs = {}, {}, []
+    design = Design.load(CONFIG / "design.json")
+    with Graph(tmp_path, ("camera", "mass_tracker"), rig=rig) as graph:
+        listen = graph.node.create_subscription
+        listen(MarkerArray, "marks", lambda m: seen.update([marks.tracks_from(m)[::2]]), COMPLETE)
+        listen(PoseArray, "bench/masses", lambda m: truth.update({nanoseconds(m.header.stamp): m}), COMPLETE)
+        listen(PoseArray, "bench/discs", discs.append, COMPLETE)
+        graph.ready()
+        wait_until(lambda: any(t in truth and np.isfinite(p).all() for t, p in list(seen.items())))
+    stamp, places = next((t, p) for t, p in seen.items() if t in truth and np.isfinite(p).all())
+    wanted = marks.positions_from(truth[stamp])[design.marks]
+    off = np.linalg.norm(places - wanted, axis=1)
+    print(f"in space: at most {1e3 * off.max():.2f} mm from the true places")
+    assert off.max() < 3e-3, "it stands, and leans hardly"
+    assert marks.discs_from(discs[0]).outsides.shape == (len(design.morphology.positions), 2, 3)
 
 
 def test_a_run_on_a_printed_ground_is_tracked_recorded_and_shown_beside_its_prediction(tmp_path):
