@@ -52,8 +52,8 @@ os.environ["XDG_STATE_HOME"] = _STATE
 
 @pytest.hookimpl(tryfirst=True)  # before xdist reads the groups
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Real-time tests come first and lie in one group of xdist, so that never two of them run at once; then
-    those of the simulated robots, in one group so that no kernel is loaded by two workers; then what is slow,
+    """Real-time tests come first and lie in two groups of xdist, so that never more than two of them run at
+    once, and at most one of those with close deadlines; then those of the simulated robots, in one group so that no kernel is loaded by two workers; then what is slow,
     the slowest module first (`slow(seconds)`), so that no process has it left at the end. Other tests stay
     with those of their module."""
     groups: dict[pytest.Item, str] = {}
@@ -73,9 +73,9 @@ def _seconds(item: pytest.Item) -> float:
 
 
 def _group(item: pytest.Item) -> str:
-    if item.get_closest_marker("realtime"):
-        return "realtime"
     file = item.nodeid.partition("::")[0]  # `location` takes twenty times as long
+    if item.get_closest_marker("realtime"):
+        return "waiting" if file.startswith(_WAITING) else "realtime"
     return "kernels" if file.startswith(_KERNELS) and not item.get_closest_marker("process") else file
 
 
@@ -86,5 +86,15 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
 
 _YIELDING = 10
-_FIRST = {"realtime": -2e4, "kernels": -1e4}
+_FIRST = {"realtime": -3e4, "waiting": -2e4, "kernels": -1e4}
+_WAITING = (
+    "tests/app/commands",
+    "tests/app/notify",
+    "tests/hardware/relay",
+    "tests/hardware/rig",
+    "tests/hardware/run/test_moved_link",
+    "tests/hardware/safety",
+)
+"""Their tests mostly wait for boards that are silent; a tenth of a processor is enough for them, and what must
+happen within a time takes at most a third of it."""
 _KERNELS = tuple(f"tests/eldir/{room}" for room in ("engine", "training", "evolution/test", "test_"))

@@ -24,6 +24,7 @@ from eldir_hardware.safety.latch import GUARDIAN_DIED, latch_for_driving, read_r
 from eldir_hardware.safety.off_targets import OffTarget
 from eldir_hardware.testing import close_contacts
 from tests.hardware.emulated_rigs import each_once, emulated, heating_program, rig_file, wait
+from tests.side_by_side import side_by_side
 
 OFF = [sys.executable, "-m", "eldir", "rig", "off"]
 QUICK = 1.5
@@ -150,8 +151,12 @@ def test_the_record_of_a_board_whose_programs_were_killed(tmp_path, alone):
         assert done.returncode == 0 and not any(board.contacts), done.stdout + done.stderr
 
 
-@pytest.mark.parametrize("kind", installed_kinds())
-def test_a_port_of_which_nothing_is_known(kind):
+def test_a_port_of_which_nothing_is_known():
+    """The kinds of board at the same time, because finding one out takes seconds of silence."""
+    side_by_side(off_where_nothing_is_known, [(kind,) for kind in installed_kinds()], apart_s=0.4)
+
+
+def off_where_nothing_is_known(kind: str) -> None:
     with emulated(kind) as board:
         close_contacts(board, range(1, 5))
         done, begun = off("--port", board.port)

@@ -26,7 +26,7 @@ from tests.hardware.rigs_and_schedules import RIG, SCHEDULE, rig_text, rig_with
 SHORT = with_digests(
     replace(
         SCHEDULE,
-        period_s=9.0,
+        period_s=4.0,
         events=(Event(0.0, 0, "front", 1, True), Event(0.5, 0, "front", 1, False)),
         cycles=1,
         conditioning_cycles=0,

@@ -25,6 +25,7 @@ from eldir_hardware.safety.off_frames import off_frames
 from eldir_hardware.safety.off_targets import OffTarget
 from eldir_hardware.testing import close_contacts
 from tests.hardware.emulated_rigs import emulated, wait
+from tests.side_by_side import side_by_side
 
 NOBODY = Path("/no/shared/folder")
 ABSENT = "/dev/ttyUSB70"
@@ -158,9 +159,12 @@ def opened_at(board) -> float:
 # Frames, latch, the end of the other, proof: in this order.
 
 
-@pytest.mark.parametrize("kind", installed_kinds())
-def test_contacts_open_without_an_answer_of_the_board(kind):
+def test_contacts_open_without_an_answer_of_the_board():
     """The frames wait for nothing. Without a report the stop is latched, and nothing is proven."""
+    side_by_side(open_without_an_answer, [(kind,) for kind in installed_kinds()])
+
+
+def open_without_an_answer(kind: str) -> None:
     with emulated(kind) as board:
         close_contacts(board, (1, 3))
         closed = len(board.contact_events)
@@ -258,9 +262,18 @@ def test_the_first_kind_that_answers_counts_and_the_first_problem_is_told(board)
     assert outcome.proven and outcome.report == PROVEN and outcome.channels == 4
     assert opened_at(board)
     assert not any(e.closed for e in board.contact_events[closed:]), "no frame of another kind closes"
-    board.faults.silent = True
-    alone, both = off(board.port, ("gd32", 2)), off(board.port, ("gd32", 2), ("lcus", 4))
-    assert not both.proven and both.report == alone.report != off(board.port, ("lcus", 4)).report
+    said = {}
+
+    def ask_a_silent_board(*kinds: tuple[str, int]) -> None:
+        with emulated("lcus") as silent:
+            silent.faults.silent = True
+            outcome = off(silent.port, *kinds)
+            assert not outcome.proven
+            said[kinds] = outcome.report.replace(silent.port, "its port")
+
+    first, second = ("gd32", 2), ("lcus", 4)
+    side_by_side(ask_a_silent_board, [(first,), (first, second), (second,)])
+    assert said[first, second] == said[first,] != said[second,]
 
 
 @pytest.mark.parametrize("candidates", [[("lcus", 4), ("gd32", 2)], [("gd32", None), ("lcus", 4)]])
@@ -274,9 +287,11 @@ def test_the_frames_of_all_that_it_may_be_come_before_the_first_question(board, 
         assert frames.count(frame[:4]) >= 2, "twice: what another kind's frame left may spoil the first"
 
 
-@pytest.mark.parametrize("lost", [0, 1])
-@pytest.mark.parametrize("size", [1, 2, 4, 8])
-def test_the_size_of_a_board_is_found_also_where_its_first_answer_is_lost(size, lost):
+def test_the_size_of_a_board_is_found_also_where_its_first_answer_is_lost():
+    side_by_side(find_the_size, [(size, lost) for size in (1, 2, 4, 8) for lost in (0, 1)])
+
+
+def find_the_size(size: int, lost: int) -> None:
     with emulated("lcus", size) as board:
         close_contacts(board, (1,))
         deliver, answers = board.send_answer, []
