@@ -59,7 +59,7 @@ def make_walker() -> Design:
 
 class Bench:
     """A rig in a folder, and a robot on it whose parameters only this class knows. It walks as the engine
-    says, and its log holds tracks instead of pictures."""
+    says of a coarse robot, and its log holds tracks instead of pictures."""
 
     def __init__(self, folder: Path):
         self.folder, self.design_file, self.rig_file = folder, folder / "design.json", folder / "rig.yaml"
@@ -93,7 +93,8 @@ class Bench:
         nominal = RobotParameters(BuiltParameters().with_hubs(), self.rig.spring_parameters())
         body = FilmedBody(self.design.morphology, self.design.marks, self.design.ballast / 2)
         moving = replace(blank, contact_shares=0.0 * on) if self.is_cold else blank
-        (moved,) = predict_markers(body, [moving], [nominal.at(tuple(OFF), list(OFF.values()))])[0]
+        truth = nominal.at(tuple(OFF), list(OFF.values()))
+        (moved,) = predict_markers(body, [moving], [truth], coarse=True)[0]
         springs = [f"spring{entry.spring}_{entry.face}" for entry in self.rig.channels]
         with Recorder(log, [f"channel{c}" for c in range(1, 5)], springs) as recorder:
             recorder.attach("schedule.json", json.dumps(schedule.to_json()).encode())
@@ -113,7 +114,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
     """After an adaptation whose second run failed, and which went on."""
     with pytest.MonkeyPatch.context() as shorter:  # how far it walks in the end is no matter here
         shorter.setattr(samples, "CYCLES", 1)
-        shorter.setattr(gait_search, "candidate_gaits", lambda motors: candidate_gaits(motors, 3))
+        shorter.setattr(gait_search, "candidate_gaits", lambda motors: candidate_gaits(motors, 2))
         made = Bench(tmp_path_factory.mktemp("bench"))
         made.fails_in_run = 2
         with pytest.raises(EldirError, match="the supply has failed"):
