@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +14,7 @@ from eldir.built.gait import free_lengths
 from eldir.built.robot import build
 from eldir.built.samples import NominalRobots
 from eldir.built.walking import displacements
+from eldir.core.records import FloatArray
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
 from eldir.terrain import Terrain
@@ -36,30 +38,32 @@ def test_walks_at_the_ends_of_the_tolerances() -> None:
     robots = NominalRobots(robot.body, RobotParameters(hubs, nominal))
     found = simulate_tolerances(robots, robot.gait, RIG)
 
-    def walk_with(current: float, air: float, ambient: float, ampere: float = 3.45) -> float:
-        springs = replace(
-            nominal,
-            current_limit=ampere * current,
-            supply_voltage=11.0 * current,
-            convection_fan=150.0 * air,
-            ambient=ambient,
-        )
-        table = free_lengths(robot.gait, springs, 5, hubs=robot.body.motor_hubs)
-        one = build(robot.body, RobotParameters(hubs, springs)).coarse()
-        return float(displacements([one], [table], 5, (nominal.cold_length, nominal.hot_length))[0])
+    def walk_with(ends: Sequence[tuple[float, ...]]) -> FloatArray:
+        """Walks with these multiples of current and air, air temperatures [C] and current limits [A]."""
+        springs = [
+            replace(
+                nominal,
+                current_limit=ampere * current,
+                supply_voltage=11.0 * current,
+                convection_fan=150.0 * air,
+                ambient=ambient,
+            )
+            for current, air, ambient, ampere in ends
+        ]
+        tables = [free_lengths(robot.gait, one, 5, hubs=robot.body.motor_hubs) for one in springs]
+        built = [build(robot.body, RobotParameters(hubs, one)).coarse() for one in springs]
+        return displacements(built, tables, 5, (nominal.cold_length, nominal.hot_length))
 
     ends = {
-        found.nominal: (1, 1, 22),
-        found.current[0]: (0.95, 1, 22),
-        found.current[1]: (1.05, 1, 22),
-        found.convection[0]: (1, 0.9, 22),
-        found.convection[1]: (1, 1.1, 22),
-        found.room[0]: (1, 1, 18),
-        found.room[1]: (1, 1, 30),
-        found.coldest: (0.95, 1.1, 18),
+        found.nominal: (1, 1, 22, 3.45),
+        found.current[0]: (0.95, 1, 22, 3.45),
+        found.current[1]: (1.05, 1, 22, 3.45),
+        found.convection[0]: (1, 0.9, 22, 3.45),
+        found.convection[1]: (1, 1.1, 22, 3.45),
+        found.room[0]: (1, 1, 18, 3.45),
+        found.room[1]: (1, 1, 30, 3.45),
+        found.coldest: (0.95, 1.1, 18, 3.45),
     }
-    for walk, end in ends.items():
-        assert walk == pytest.approx(walk_with(*end), abs=1e-5), end
     assert found.coldest < found.nominal / 2
     measured = simulate_narrower(robots, robot.gait, compile_schedule(robot.gait, RIG), RIG)
     assert [(m.current, m.ambient_min_c, m.ambient_max_c) for m in measured] == [
@@ -68,9 +72,9 @@ def test_walks_at_the_ends_of_the_tolerances() -> None:
         (0.02, 19, 25),
     ]
     assert found.coldest < min(m.coldest for m in measured) and measured[2].coldest > found.nominal / 2
-    for m in measured[::2]:
-        expected = walk_with(1 - m.current, 1.1, m.ambient_min_c, m.current_limit_a)
-        assert m.coldest == pytest.approx(expected, abs=1e-5)
+    ends |= {m.coldest: (1 - m.current, 1.1, m.ambient_min_c, m.current_limit_a) for m in measured[::2]}
+    assert len(ends) == 10
+    assert list(ends) == pytest.approx(walk_with([*ends.values()]), abs=1e-5)
 
 
 STEP = Terrain(np.array([-1.0, 0.06, 0.12]), np.array([0.0, 0.1, 0.0]), np.array([0.0, -0.006, 0.006]))
