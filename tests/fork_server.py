@@ -99,7 +99,7 @@ def _show_words(words: list[str]) -> None:
     """Let the system show these words as this process's command line: `eldir rig off` reads a guardian's."""
     fields = Path("/proc/self/stat").read_text().rpartition(")")[2].split()
     start, end = int(fields[45]), int(fields[46])
-    shown = b"".join(word.encode() + b"\0" for word in words)
+    shown = b"".join(os.fsencode(word) + b"\0" for word in words)
     if len(shown) > end - start:
         raise RuntimeError(f"a command line of {len(shown)} bytes needs a longer padding")
     ctypes.memset(start, 0, end - start)
@@ -120,7 +120,8 @@ def run(asked: dict[str, Any]) -> None:
     option, what, *words = [word for word in asked["words"] if word != "-I"]
     sys.argv[:] = [option, *words]
     unbuffered = "PYTHONUNBUFFERED" in os.environ
-    sys.stdout.reconfigure(write_through=unbuffered)
+    encoding, _, errors = os.environ.get("PYTHONIOENCODING", "").partition(":")
+    sys.stdout.reconfigure(write_through=unbuffered, encoding=encoding or None, errors=errors or None)
     sys.stderr.reconfigure(write_through=unbuffered, line_buffering=not unbuffered)
     if option == "-m":
         runpy.run_module(what, run_name="__main__", alter_sys=True)

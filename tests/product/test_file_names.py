@@ -18,20 +18,33 @@ from eldir_hardware.images.video import write_webm
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.template import virtual_rig
 from tests.app.catalogue.small_logs_and_reports import record
+from tests.forked_programs import Forked
 from tests.raised import raises
 
 ODD = os.fsdecode(b"dir\xe4")
 
 
-def eldir(*arguments: object, shell: str = 'exec "$@"') -> subprocess.CompletedProcess[str]:
-    """Standard output takes nothing but UTF-8, as in most places."""
+STRICT = {"PYTHONIOENCODING": "utf-8:strict"}
+"""Standard output takes nothing but UTF-8, as in most places."""
+
+
+def eldir(*arguments: object, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+    words = [sys.executable, "-m", "eldir", *map(str, arguments)]
+    pipe, folder = subprocess.PIPE, None if cwd is None else str(cwd)
+    with Forked(words, stdout=pipe, stderr=pipe, env=os.environ | STRICT, cwd=folder) as program:
+        said = program.communicate(120)
+        return subprocess.CompletedProcess(words, program.returncode, *said)
+
+
+def started(*arguments: object, shell: str) -> subprocess.CompletedProcess[str]:
+    """As `eldir`, by a line of a shell, which may close streams."""
     return subprocess.run(
         ["sh", "-c", shell, "sh", sys.executable, "-m", "eldir", *map(str, arguments)],
         capture_output=True,
         text=True,
         timeout=120,
         check=False,
-        env=os.environ | {"PYTHONIOENCODING": "utf-8:strict"},
+        env=os.environ | STRICT,
     )
 
 
@@ -94,7 +107,7 @@ def test_a_design_is_named_from_where_the_person_stands(tmp_path: Path) -> None:
         (tmp_path / folder).mkdir()
     (tmp_path / "robots" / "one.json").touch()
     words = ["rig", "new", "--design", "robots/one.json", "--out", "rigs/rig.yaml"]
-    done = eldir(*words, shell=f'cd {tmp_path} && exec "$@"')
+    done = eldir(*words, cwd=tmp_path)
     assert done.returncode == 0 and "does not exist" not in done.stdout, done.stderr
     assert Rig.load(tmp_path / "rigs" / "rig.yaml").virtual.design == "../robots/one.json"
 
@@ -111,9 +124,9 @@ def test_closed_streams_cost_only_what_they_would_have_taken(tmp_path: Path) -> 
     whole = virtual_rig(physics="mujoco")
     for number, closed in enumerate((">&-", "2>&-", "<&-", "<&- >&- 2>&-")):
         out = tmp_path / f"{number}.yaml"
-        made = eldir("rig", "new", "--out", out, shell=f'exec "$@" {closed}')
+        made = started("rig", "new", "--out", out, shell=f'exec "$@" {closed}')
         assert (made.returncode, made.stderr) == (0, ""), closed
         assert (made.stdout == "") == (" >&-" in f" {closed}")
         assert out.read_text() == whole
-    refused = eldir("show", tmp_path / "none.json", shell='exec "$@" 2>&-')
+    refused = started("show", tmp_path / "none.json", shell='exec "$@" 2>&-')
     assert (refused.returncode, refused.stdout) == (1, "")

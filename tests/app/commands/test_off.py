@@ -153,7 +153,7 @@ def test_the_record_of_a_board_whose_programs_were_killed(tmp_path, alone):
 
 def test_a_port_of_which_nothing_is_known():
     """The kinds of board at the same time, because finding one out takes seconds of silence."""
-    side_by_side(off_where_nothing_is_known, [(kind,) for kind in installed_kinds()], apart_s=0.4)
+    side_by_side(off_where_nothing_is_known, [(kind,) for kind in installed_kinds()], apart_s=0.8)
 
 
 def off_where_nothing_is_known(kind: str) -> None:
