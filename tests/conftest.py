@@ -53,9 +53,9 @@ os.environ["XDG_STATE_HOME"] = _STATE
 @pytest.hookimpl(tryfirst=True)  # before xdist reads the groups
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Real-time tests come first and lie in two groups of xdist, so that never more than two of them run at
-    once, and at most one of those with close deadlines; then those of the simulated robots, in one group so that no kernel is loaded by two workers; then what is slow,
-    the slowest module first (`slow(seconds)`), so that no process has it left at the end. Other tests stay
-    with those of their module."""
+    once, and at most one of those with close deadlines; then those of the simulated robots, in one group so
+    that no kernel is loaded by two workers; then what is slow, the slowest module first (`slow(seconds)`), so
+    that no process has it left at the end. Other tests stay with those of their module."""
     groups: dict[pytest.Item, str] = {}
     order: dict[str, float] = {}
     for item in items:
@@ -95,6 +95,6 @@ _WAITING = (
     "tests/hardware/run/test_moved_link",
     "tests/hardware/safety",
 )
-"""Their tests mostly wait for boards that are silent; a tenth of a processor is enough for them, and what must
-happen within a time takes at most a third of it."""
+"""Their tests mostly wait for boards that are silent: a tenth of a processor is enough for them, and what
+must happen within a time takes at most a third of it."""
 _KERNELS = tuple(f"tests/eldir/{room}" for room in ("engine", "training", "evolution/test", "test_"))
