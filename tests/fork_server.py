@@ -122,7 +122,12 @@ def run(asked: dict[str, Any]) -> None:
     unbuffered = "PYTHONUNBUFFERED" in os.environ
     encoding, _, errors = os.environ.get("PYTHONIOENCODING", "").partition(":")
     sys.stdout.reconfigure(write_through=unbuffered, encoding=encoding or None, errors=errors or None)
-    sys.stderr.reconfigure(write_through=unbuffered, line_buffering=not unbuffered)
+    sys.stderr.reconfigure(
+        write_through=unbuffered,
+        line_buffering=not unbuffered,
+        encoding=encoding or None,
+        errors=sys.stderr.errors,
+    )
     if option == "-m":
         runpy.run_module(what, run_name="__main__", alter_sys=True)
     else:

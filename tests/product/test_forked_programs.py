@@ -30,8 +30,10 @@ sys.exit(7)
 VARIES = ("process", "handles")
 
 
-def test_a_program_has_what_it_is_started_with(tmp_path, monkeypatch):
+@pytest.mark.parametrize("encoding", ["", "iso8859-1", "utf-8:surrogateescape"])
+def test_a_program_has_what_it_is_started_with(encoding, tmp_path, monkeypatch):
     """The same as from `subprocess`, but for its number."""
+    monkeypatch.setenv("PYTHONIOENCODING", encoding)
     monkeypatch.setenv("ELDIR_OWN", "ü")
     monkeypatch.chdir(tmp_path)
     words = [sys.executable, "-c", TELL, "a", "b c"]
