@@ -90,11 +90,11 @@ _FIRST = {"realtime": -3e4, "waiting": -2e4, "kernels": -1e4}
 _WAITING = (
     "tests/app/commands",
     "tests/app/notify",
-    "tests/hardware/relay",
+    *(f"tests/hardware/relay/test_{name}" for name in ("board", "frames", "own_board", "relays")),
     "tests/hardware/rig",
     "tests/hardware/run/test_moved_link",
     "tests/hardware/safety",
 )
 """Their tests mostly wait for boards that are silent: a tenth of a processor is enough for them, and what
-must happen within a time takes at most a third of it."""
+must happen within a time takes about a third of it."""
 _KERNELS = tuple(f"tests/eldir/{room}" for room in ("engine", "training", "evolution/test", "test_"))
