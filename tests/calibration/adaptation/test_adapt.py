@@ -114,7 +114,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
     """After an adaptation whose second run failed, and which went on."""
     with pytest.MonkeyPatch.context() as shorter:  # how far it walks in the end is no matter here
         shorter.setattr(samples, "CYCLES", 1)
-        shorter.setattr(gait_search, "candidate_gaits", lambda motors: candidate_gaits(motors, 2))
+        shorter.setattr(gait_search, "candidate_gaits", lambda motors: candidate_gaits(motors, 3))
         made = Bench(tmp_path_factory.mktemp("bench"))
         made.fails_in_run = 2
         with pytest.raises(EldirError, match="the supply has failed"):
