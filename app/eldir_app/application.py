@@ -37,7 +37,7 @@ class _InterruptedError(Exception):
 
 
 class _Commands(TyperGroup):
-    """Commands that report Ctrl-C, and all have the option -v."""
+    """Commands that report Ctrl-C, all have the option -v, and name types in the words of a shell."""
 
     def __init__(self, **values: Any):
         super().__init__(**values)
@@ -48,12 +48,22 @@ class _Commands(TyperGroup):
             pending += getattr(command, "commands", {}).values()
             if not any("-v" in option.opts for option in command.params):  # another package's own -v
                 command.params += verbose
+            for parameter in command.params:
+                _name_type_of_elements(parameter)
 
     def invoke(self, ctx: typer.Context) -> Any:  # type: ignore[override]
         try:
             return super().invoke(ctx)
         except KeyboardInterrupt:
             raise _InterruptedError from None
+
+
+def _name_type_of_elements(parameter: Any) -> None:
+    """Of an option that may be repeated, help shows the type of one value: <path>, not <list[Path]>."""
+    display_type = parameter.display_type
+    parameter.display_type = lambda context: re.sub(
+        r"list\[(\w+)\]", lambda found: found[1].lower(), display_type(context)
+    )
 
 
 def application(only: str = "") -> typer.Typer:

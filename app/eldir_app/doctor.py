@@ -136,9 +136,10 @@ def check_welded_contact(rig: Rig, measurements: Finding) -> Finding:
     try:
         check_rig(rig)  # also the cut-off's dependence on the board, and the contacts' rating
         hottest = stuck_temperature(rig, worst_springs(rig), None)
+        limit = rig.limits.max_temperature_c
     except EldirError as error:
         return Finding("a welded contact", False, str(error))
-    return Finding("a welded contact", True, f"a cold spring reaches {hottest:.0f} C, below the limit")
+    return Finding("a welded contact", True, f"a cold spring reaches {hottest:.0f} C, {limit:g} C are allowed")
 
 
 def check_virtual_robot(design: Path) -> Finding:

@@ -20,7 +20,7 @@ import pytest
 
 from tests.paths import ROOT
 
-pytestmark = [pytest.mark.stress, pytest.mark.timeout(3600)]
+pytestmark = [pytest.mark.stress, pytest.mark.timeout(7200)]
 DEMO_DESIGN = ROOT / "ros2_nodes" / "eldir_ros" / "config" / "design.json"
 
 

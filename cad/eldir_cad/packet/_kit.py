@@ -43,16 +43,16 @@ def draw_kit(c: Content, connections: Wiring, lead_mm: int) -> list[Figure]:
     own = circuits(c, connections)
     longest = max(own.values(), key=lambda circuit: circuit.coils)
     return [
-        _draw_lists(c, connections, lead_mm),
-        _draw_rules(c, longest, lead_mm),
+        *_draw_lists(c, connections, lead_mm),
+        *_draw_rules(c, longest, lead_mm),
         *draw_wiring(connections, own),
-        _draw_joints(c),
-        _draw_bench_work(longest),
-        _draw_measurements(connections, list(own.values()), lead_mm),
+        *_draw_joints(c),
+        *_draw_bench_work(longest),
+        *_draw_measurements(connections, list(own.values()), lead_mm),
     ]
 
 
-def _draw_lists(c: Content, connections: Wiring, lead_mm: int) -> Figure:
+def _draw_lists(c: Content, connections: Wiring, lead_mm: int) -> list[Figure]:
     page = Page("Kit: print and buy")
     page.heading("Print")
     page.list(_print_totals(c))
@@ -62,7 +62,7 @@ def _draw_lists(c: Content, connections: Wiring, lead_mm: int) -> Figure:
     ):
         page.heading(heading)
         page.rows([_row(item) for item in items], _LIST)
-    return page.figure
+    return page.figures
 
 
 def _row(item: Item) -> tuple[str, str, str]:
@@ -95,7 +95,7 @@ def robot_mass(c: Content) -> float:
     return resin + coils + (0.0 if c.variant.ballast is None else 2 * c.filling)
 
 
-def _draw_rules(c: Content, circuit: Circuit, lead_mm: int) -> Figure:
+def _draw_rules(c: Content, circuit: Circuit, lead_mm: int) -> list[Figure]:
     page = Page("Kit: rules behind the list")
     page.heading("Ratings")
     current, limit = circuit.max_current, circuit.current_limit
@@ -139,7 +139,7 @@ def _draw_rules(c: Content, circuit: Circuit, lead_mm: int) -> Figure:
             "Solder: it does not wet Nitinol, and its heat spoils the training of the coil.",
         ]
     )
-    return page.figure
+    return page.figures
 
 
 def describe_current(c: Content) -> str:
@@ -148,7 +148,7 @@ def describe_current(c: Content) -> str:
     return ", ".join(part for part in (f"{coil.current_limit_a:g} A", coil.current_conditions) if part)
 
 
-def _draw_joints(c: Content) -> Figure:
+def _draw_joints(c: Content) -> list[Figure]:
     page = Page("Leads and coils")
     page.heading("How a lead joins Nitinol")
     figure_top = page.reserve(0.2)
@@ -192,7 +192,7 @@ def _draw_joints(c: Content) -> Figure:
             "`eldir rig off` does not switch everything off: use the main switch, and look for the fault.",
         ]
     )
-    return page.figure
+    return page.figures
 
 
 def _draw_joint(figure: Figure, top: float, springs: SpringParameters, hole: float) -> None:
@@ -227,7 +227,7 @@ def _draw_joint(figure: Figure, top: float, springs: SpringParameters, hole: flo
     axes.axis("off")
 
 
-def _draw_bench_work(circuit: Circuit) -> Figure:
+def _draw_bench_work(circuit: Circuit) -> list[Figure]:
     limit, alike = circuit.current_limit, ""
     if circuit.coils == 1:
         spread = f"{_MAX_DIFFERENCE * limit:.2f} A ({_MAX_DIFFERENCE:.0%})"
@@ -242,8 +242,9 @@ def _draw_bench_work(circuit: Circuit) -> Figure:
         f"with a wire for 10 s. {limit:g} A must flow. The timer must open after {MAX_ON_S:g} to {TIMER_S:g} "
         "s, and stay open until the bridge is removed",
         "Fuse, each channel: take it out. With the contact bridged no current may flow",
-        "Connect the relay board to the computer. Supply switched off: eldir rig doctor --rig rig.yaml "
-        "--packet packet",
+        "Connect the relay board to the computer. Supply switched off: write the rig file with eldir rig "
+        "setup --out rig.yaml; what is not measured yet is `unknown`. Then eldir rig doctor --rig rig.yaml "
+        "--packet packet: the lines port, board and wiring must say ok",
         "Measure the coils (next page). The two most alike belong to the same motor",
         "Build the robot by assembly.pdf. Join coils and leads; measure each joint",
         "Connect the leads to the terminals X by wiring.csv. Measure channels and isolation with the relays "
@@ -256,10 +257,10 @@ def _draw_bench_work(circuit: Circuit) -> Figure:
     ]
     page = Page("Order of work on the bench")
     page.table([f"{i}. {step}" for i, step in enumerate(steps, start=1)])
-    return page.figure
+    return page.figures
 
 
-def _draw_measurements(connections: Wiring, own: Sequence[Circuit], lead_mm: int) -> Figure:
+def _draw_measurements(connections: Wiring, own: Sequence[Circuit], lead_mm: int) -> list[Figure]:
     page = Page("Measurements")
     page.heading(f"At a test current of {TEST_CURRENT:g} A")
     springs, tolerance = own[0].springs, RESISTANCE_TOLERANCE
@@ -285,7 +286,7 @@ def _draw_measurements(connections: Wiring, own: Sequence[Circuit], lead_mm: int
             rows.append((str(connection.channel), name, blank, blank, blank, blank, blank))
     page.rows(rows, _RECORD)
     page.list(["Air: _______ C     isolation: _______ MOhm     interlock: _______     main switch: _______"])
-    return page.figure
+    return page.figures
 
 
 def _readings(own: Sequence[Circuit], lead_mm: int) -> list[tuple[str, str, str]]:

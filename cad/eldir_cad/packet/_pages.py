@@ -234,7 +234,7 @@ def draw_traveller(c: Content) -> list[Figure]:
     )
     page.heading("Findings of the build filter")
     page.list(_shorten([f"{v.severity}: {v}" for v in c.report.violations]) or ["none"])
-    return [page.figure]
+    return page.figures
 
 
 def draw_order_of_work(c: Content, connections: Wiring, picture: bytes) -> list[Figure]:
@@ -277,7 +277,7 @@ def draw_order_of_work(c: Content, connections: Wiring, picture: bytes) -> list[
     page = Page("Order of work")
     page.table([f"{i}. {step}" for i, step in enumerate(steps, start=1)])
     page.picture(picture, "Front face. Blue: masses of m1 to m5; yellow: connectors; orange: coils.")
-    return [page.figure]
+    return page.figures
 
 
 def _describe_slicing(c: Content) -> str:

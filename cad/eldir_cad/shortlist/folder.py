@@ -83,7 +83,7 @@ class WalkStatistics(Record):
         fell = f", {self.fell} of {self.samples} fall over" if self.fell else ""
         walk = f"{self.expected:+.2f} ± {self.standard_error:.2f} body lengths in 5 cycles"
         tied = self.tie_share is not None and self.tie_share > MAX_TIE_SHARE
-        ties = f", doubtful: ties {self.tie_share:.0%}" if tied else ""
+        ties = f", doubtful: which foot slips is open in {self.tie_share:.0%} of the sliding" if tied else ""
         return f"{walk} ({self.mm_per_minute:.0f} mm a minute){fell}{ties}"
 
     @property

@@ -3,6 +3,7 @@
 import csv
 import io
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -59,6 +60,17 @@ def test_parts_are_washed_as_long_as_the_printer_says_before_and_after_they_leav
     assert f"Wash on the build plate: 3.5 min in {PRINTER.wash.solvent}" in told
     assert f"off the plate; wash 8 min in {PRINTER.wash.rinse}" in told
     assert "At most 3.6 A, with the fan on, pulses of 6 s every 30 s and a cut-off of 6.3 s" in told
+
+
+def test_findings_that_fill_the_traveller_continue_on_another_page(content):
+    """A robot of 33 masses had five findings, of which the last lay over the footer."""
+    findings = [Violation("hinge", "note", (), 2.0, "parts", 8 * "a part of the body ", "") for _ in range(12)]
+    figures = draw_traveller(replace(content, report=BuildReport.of(findings, {})))
+    assert len(figures) == 2
+    for figure in figures:
+        figure.draw_without_rendering()
+        assert min(text.get_window_extent().y0 for text in figure.texts) > 0.02 * figure.bbox.height
+    assert words(figures).count("note: ") == 12
 
 
 def test_the_order_of_work_tells_the_ballast_of_both_holders_together(content):
