@@ -139,7 +139,9 @@ def check_welded_contact(rig: Rig, measurements: Finding) -> Finding:
         limit = rig.limits.max_temperature_c
     except EldirError as error:
         return Finding("a welded contact", False, str(error))
-    return Finding("a welded contact", True, f"a cold spring reaches {hottest:.0f} C, {limit:g} C are allowed")
+    return Finding(
+        "a welded contact", True, f"a cold spring reaches {hottest:.0f} C, {limit:g} C are allowed"
+    )
 
 
 def check_virtual_robot(design: Path) -> Finding:

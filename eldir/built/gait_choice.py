@@ -49,7 +49,7 @@ def choose_gait(
     deviations = _MARGIN if scene.model_fits else _MARGIN_WITHOUT_FIT
     margin = deviations * float(np.hypot(walks.spread_with_falls, wrong))
     predicted = min(walks.expected, itself)
-    says = f"{predicted:+.2f} +- {margin:.2f}" if np.isfinite(predicted) else "a fall"
+    says = f"{predicted:+.2f} (required margin {margin:.2f})" if np.isfinite(predicted) else "a fall"
     if predicted - margin > best.walked:
         reason = f"new gait: predicted {says}; the best filmed gait walked {best.walked:+.2f}"
         return GaitChoice(other, None, reason)

@@ -163,6 +163,20 @@ class IdentifiedRobots(RobotDistribution):
         return replace(robot, strips=share * STRIP_SPREAD * strips) if len(strips) else robot
 
 
+CONFIDENCE_LEVEL = 0.95
+"""Share of robots that walk within the interval of a prediction."""
+
+
+def interval_reach(deviation: float, samples: int, level: float = CONFIDENCE_LEVEL) -> float:
+    """Half width of the interval for one more robot, from the standard deviation of `samples` of them, in its
+    unit: t s sqrt(1 + 1/n), with Student's t for n - 1 degrees of freedom; NaN for less than two samples."""
+    from scipy.special import stdtrit  # a tenth of a second
+
+    if samples < 2:
+        return float("nan")
+    return float(stdtrit(samples - 1, (1 + level) / 2) * deviation * np.sqrt(1 + 1 / samples))
+
+
 @dataclass(frozen=True, eq=False)
 class SampledWalks(Record):
     """Displacements of the samples of a robot with one gait."""

@@ -100,6 +100,8 @@ def test_every_command_explains_itself(command, name):
     assert f"Example: {name} " in command.help
     assert "\n" not in command.help.partition("\n\n")[0], "the list of commands would break the line there"
     assert all(p.help for p in command.params), "each argument and option"
+    shown = " ".join(p.display_type(typer.Context(command)) for p in command.params)
+    assert "[" not in shown, "types as a shell has them, not those of Python"
 
 
 def test_help_of_a_command():

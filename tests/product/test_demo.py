@@ -17,6 +17,7 @@ from rosbags.highlevel import AnyReader
 from eldir.design import Design, marked_masses
 from eldir_app.catalogue.comparison import compared_run
 from eldir_app.catalogue.runs import Index, find_runs
+from eldir_app.commands.demo import _summary
 from eldir_app.commands.packet import packet
 from eldir_app.demo import DemoResult, folder_size
 from eldir_hardware.planning.plan import PlanConfig, plan
@@ -72,6 +73,11 @@ def test_the_report_tells_three_motions(circle: tuple[Path, DemoResult, list[Bod
     out, found, _ = circle
     report = json.loads((out / "report" / "report.json").read_text())
     jsonschema.validate(report, json.loads((SCHEMAS / "report.schema.json").read_text()))
+    walk = report["verdict"]["body_lengths_per_5_cycles"]
+    low, high = walk["predicted_interval"]
+    said = "\n".join(_summary(found))
+    assert f"predicted {walk['predicted']:+.2f}, {low:+.2f} to {high:+.2f} for 95 %" in said, "as on the page"
+    assert f"filmed    {walk['tracked']:+.2f}, " in said
     assert list(report["masses"]) == [f"m{i}" for i in range(1, len(report["masses"]) + 1)]
     walked = report["body_lengths_per_5_cycles"]
     assert walked == pytest.approx(found.report.displacement, abs=1e-8)

@@ -141,7 +141,11 @@ def _drive(
 
 def _describe(number: int, run: AdaptationRun) -> str:
     """One line about a run."""
-    before = "a fall" if run.predicted is None else f"{run.predicted:+.2f} +- {run.deviation:.2f}"
+    before = (
+        "a fall"
+        if run.predicted is None
+        else f"{run.predicted:+.2f} (standard deviation {run.deviation:.2f})"
+    )
     filmed = f"{run.filmed:+.2f}" if run.upright else "a fall"
     line = f"run {number}: predicted {before}, filmed {filmed} body lengths per five cycles"
     if run.misfit is not None and run.misfit > 1.0:
@@ -157,7 +161,7 @@ def _describe_advice(advice: SupplyAdvice, rig: Rig, filmed: float) -> str:
     if advice.predicted is None:
         walk = "predicted to fall"
     else:
-        walk = f"predicted {advice.predicted:+.2f} +- {advice.deviation:.2f}"
+        walk = f"predicted {advice.predicted:+.2f} (standard deviation {advice.deviation:.2f})"
     return (
         f"with a current limit of {advice.current_limit_a:.2f} A, if {measured}: {walk} "
         f"with the same gait, instead of the filmed {filmed:+.2f}"

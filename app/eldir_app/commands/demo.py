@@ -48,19 +48,18 @@ def _summary(result: DemoResult) -> Iterator[str]:
     from eldir_calibration.report.page import PAPER
     from eldir_hardware.virtual.bodies import default_physics, physics_version
 
-    walk, samples = result.report.displacement, result.choice.spread
+    learned, walk = result.report.displacement["simulated"], result.content.verdict.walk
     rejected = ", ".join(f"{n} {reason}" for reason, n in result.shortlist.left_out.items())
     yield f"{result.shortlist.considered} evolved bodies; left out: {rejected}"
     body = result.choice.design.morphology
     yield f"robot with {len(body.positions)} hubs and {body.motors} motors, body {body.body_name}"
     yield "body lengths per five cycles:"
-    yield f"  learned   {walk['simulated']:+.2f}   the paper's robot {PAPER['simulated']:+.2f}"
-    spread = f"{samples.mean:+.2f} +- {samples.spread:.2f}, forward in {samples.probability_forward:.0%}"
-    if samples.fallen:
-        spread += f", falls in {samples.fallen:.0%}"
-    count = len(samples.displacement)
-    yield f"  predicted {walk['predicted']:+.2f}   over {count} samples of the shortlist {spread}"
-    yield f"  filmed    {walk['tracked']:+.2f}   the paper's robot {PAPER['tracked']:+.2f}"
+    yield f"  learned   {learned:+.2f}; the paper's robot {PAPER['simulated']:+.2f}"
+    expected, filmed = walk.predicted, walk.tracked
+    interval = f"{expected.low:+.2f} to {expected.high:+.2f} for 95 % of such robots"
+    yield f"  predicted {expected.mean:+.2f}, {interval}; with nominal parameters {walk.nominal:+.2f}"
+    over = f", {filmed.low:+.2f} to {filmed.high:+.2f} over cycles"
+    yield f"  filmed    {filmed.mean:+.2f}{over}; the paper's robot {PAPER['tracked']:+.2f}"
     yield NOT_COMPARABLE
     yield f"the filmed robot was moved by {physics_version(default_physics())}"
     for warning in (*result.report.warnings, *result.content.remarks):

@@ -83,13 +83,14 @@ def _print_totals(c: Content) -> list[str]:
         "to this. Neither is known here; the slicer shows the supports.",
         f"Layers of {c.printer.layer:g} mm, without supports: {layers}. The time of a layer is not in the "
         "printer's profile; the slicer shows the printing time.",
-        f"Mass of the robot: {robot_mass(c):.2f} g ({', '.join(content)}), without markers, ferrules and "
-        "leads.",
+        f"Mass of the robot: {robot_mass(c):.2f} g ({', '.join(content)}), without markers, "
+        "ferrules, leads and the straight ends of the coils.",
     ]
 
 
 def robot_mass(c: Content) -> float:
-    """Mass of the robot with its coils and its ballast [g], without markers, ferrules and leads."""
+    """Mass of the robot with its coils and its ballast [g], without markers, ferrules, leads and the straight
+    ends of the coils."""
     resin = 1e-3 * c.assembly.volume * c.printer.material.density
     coils = 2 * c.assembly.morphology.motors * 1e3 * spring_parameters(c.spec).mass
     return resin + coils + (0.0 if c.variant.ballast is None else 2 * c.filling)

@@ -63,7 +63,7 @@ def parts_to_buy(c: Content) -> list[Item]:
             f"{1e3 * springs.coil_diameter:g} mm, {springs.turns:g} turns, straight ends of {ends} mm; "
             f"austenite {springs.austenite_start:g} to {springs.austenite_finish:g} C, martensite "
             f"{springs.martensite_start:g} to {springs.martensite_finish:g} C; "
-            f"{springs.resistance:.2f} Ohm, {1e3 * springs.mass:.2f} g",
+            f"{springs.resistance:.2f} Ohm and {1e3 * springs.mass:.2f} g without its ends",
             2 * c.assembly.morphology.motors,
         ),
         Item(

@@ -77,14 +77,15 @@ class WalkStatistics(Record):
         )
 
     def __str__(self) -> str:
-        """Expected walk with its standard error, falls, and the walk of a minute."""
+        """Expected walk with its standard error, the walk of a minute, and falls."""
         if self.expected is None:
             return "all samples fall over"
         fell = f", {self.fell} of {self.samples} fall over" if self.fell else ""
-        walk = f"{self.expected:+.2f} ± {self.standard_error:.2f} body lengths in 5 cycles"
+        walk = f"{self.expected:+.2f} body lengths in 5 cycles"
         tied = self.tie_share is not None and self.tie_share > MAX_TIE_SHARE
         ties = f", doubtful: which foot slips is open in {self.tie_share:.0%} of the sliding" if tied else ""
-        return f"{walk} ({self.mm_per_minute:.0f} mm a minute){fell}{ties}"
+        error, pace = f"standard error {self.standard_error:.2f}", f"{self.mm_per_minute:.0f} mm a minute"
+        return f"{walk} ({error}; {pace}){fell}{ties}"
 
     @property
     def forward(self) -> str:

@@ -51,7 +51,7 @@ def plan_run(
     if gain < config.min_gain:
         raise NoGaitError(
             f"no gait is expected to walk farther than {best:+.2f}: the best other one is predicted "
-            f"{predicted:+.2f} +- {deviation:.2f}"
+            f"{predicted:+.2f} (standard deviation {deviation:.2f})"
         )
     reason = f"expected improvement over {best:+.2f}: {gain:.2f} body lengths per five cycles"
     found = GaitSearchResult({"search": gait}, {"search": walks}, "search", reason=reason)

@@ -12,13 +12,11 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from scipy.special import stdtrit
 
+from eldir.built.samples import CONFIDENCE_LEVEL, interval_reach
 from eldir.core.records import FloatArray, Record
 from eldir_calibration.report.comparison import CycleMean, Motion, MotionReport, mean_cycle
 
-CONFIDENCE_LEVEL = 0.95
-"""Probability of the interval of a prediction."""
 VERTICAL_RANGE, HORIZONTAL_SWING = "vertical range", "horizontal swing"
 _RESOLUTION = 1e-4  # the tracker's error is 0.02 to 0.09 mm (docs/reference/vision.md) [m]
 _AGREEMENT_SENTENCES = {
@@ -74,7 +72,7 @@ def prediction_interval(values: FloatArray, level: float = CONFIDENCE_LEVEL) -> 
     mean = float(good.mean()) if n else float("nan")
     if n < 2:
         return CycleMean(mean, float("nan"), float("nan"))
-    reach = float(stdtrit(n - 1, (1 + level) / 2) * good.std(ddof=1) * np.sqrt(1 + 1 / n))
+    reach = interval_reach(float(good.std(ddof=1)), n, level)
     return CycleMean(mean, mean - reach, mean + reach)
 
 

@@ -14,12 +14,12 @@ from matplotlib.figure import Figure
 from pydantic import Field
 
 from eldir.built.gait import Gait
+from eldir.built.samples import CONFIDENCE_LEVEL
 from eldir.built.walking import MAX_TIE_SHARE
 from eldir.core.files import new_folder, write_text
 from eldir.core.pictures import new_axes, page_templates, png
 from eldir.core.records import Array, BoolArray, FileRecord, FloatArray, Record, Rounded, record
 from eldir.core.version import __version__
-from eldir_calibration.report.verdict import CONFIDENCE_LEVEL
 from eldir_calibration.transfer.compared_walks import (
     ComparedWalk,
     SimulationExtent,

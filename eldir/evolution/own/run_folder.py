@@ -59,7 +59,9 @@ class ProblemStatus(RunStatus):
         text = f"{self.state}, {self.whole} of {self.wanted} generations, {self.tried} solutions tried"
         if self.best is None:
             return text
-        return f"{text}; best {self.best:.4g} +- {self.standard_error:.2g}; {self.elites} elites"
+        return (
+            f"{text}; best {self.best:.4g} (standard error {self.standard_error:.2g}); {self.elites} elites"
+        )
 
 
 @dataclass(frozen=True)

@@ -71,8 +71,9 @@ class PrintedStatus(RunStatus):
         if self.best is not None:
             error = math.inf if self.standard_error is None else self.standard_error
             text += (
-                f"; best {self.best:+.2f} +- {error:.2f} body lengths in 5 cycles "
-                f"({self.samples} samples); {self.niches} niches, {self.walking} above {WALKS:g}"
+                f"; best {self.best:+.2f} body lengths in 5 cycles "
+                f"(standard error {error:.2f} of {self.samples} samples); {self.niches} niches, "
+                f"{self.walking} above {WALKS:g}"
             )
         return text
 
@@ -141,8 +142,8 @@ class PrintedRun(GenerationsFolder[PrintedEvolutionConfig, Walker]):
             return "no walker yet"
         walking, best = sum(w.expected > WALKS for w in elites), elites[0]
         return (
-            f"generation {max(0, search.generation - 1)}, best {best.expected:+.2f} +- {best.error:.2f}, "
-            f"{walking} above {WALKS:g}"
+            f"generation {max(0, search.generation - 1)}, best {best.expected:+.2f} (standard error "
+            f"{best.error:.2f}), {walking} above {WALKS:g}"
         )
 
     def read_genome(self, generation: int, place: int) -> PrintedGenome:

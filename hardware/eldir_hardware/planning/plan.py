@@ -21,7 +21,7 @@ from eldir.built.gait_search import (
     silent,
 )
 from eldir.built.heat import HeatModel, SpringState, heating_time
-from eldir.built.samples import IdentifiedRobots, SampledWalks
+from eldir.built.samples import IdentifiedRobots, SampledWalks, interval_reach
 from eldir.built.scene import PrintedScene
 from eldir.built.screening import candidate_gaits
 from eldir.core.pictures import png
@@ -303,8 +303,15 @@ def describe_walk(walk: PredictedWalk) -> tuple[str, str]:
     if walk.mean is None:
         fails = "falls over, folds until parts touch, or buckles a coil"
         return fails, f"all of {walk.samples} sampled robots"
+    reach = interval_reach(walk.spread or 0.0, walk.samples - walk.fell)
+    interval = (
+        ""
+        if np.isnan(reach)
+        else f", {walk.mean - reach:+.2f} to {walk.mean + reach:+.2f} for 95 % of robots"
+    )
+    standing = " that stand" if walk.fell else ""
     return (
-        f"{walk.mean:+.2f} +- {walk.spread:.2f} body lengths per five cycles where it stands",
+        f"{walk.mean:+.2f} body lengths per five cycles{interval}{standing}",
         f"of {walk.samples} sampled robots {walk.fell} fall over or fold, "
         f"{walk.probability_forward:.0%} go forward",
     )

@@ -64,7 +64,9 @@ def test_parts_are_washed_as_long_as_the_printer_says_before_and_after_they_leav
 
 def test_findings_that_fill_the_traveller_continue_on_another_page(content):
     """A robot of 33 masses had five findings, of which the last lay over the footer."""
-    findings = [Violation("hinge", "note", (), 2.0, "parts", 8 * "a part of the body ", "") for _ in range(12)]
+    findings = [
+        Violation("hinge", "note", (), 2.0, "parts", 8 * "a part of the body ", "") for _ in range(12)
+    ]
     figures = draw_traveller(replace(content, report=BuildReport.of(findings, {})))
     assert len(figures) == 2
     for figure in figures:

@@ -72,7 +72,9 @@ def test_what_was_seen_walking_is_kept_unless_another_is_better_beyond_doubt(
     found = choose_gait(design, other, SampledWalks(np.array(walks)), [film(saw)], scene)
     assert (found.kept_film is not None) == kept
     assert (found.gait == WALKED) if kept else (found.gait is other)
-    expected = f"filmed gait kept: it walked {saw:+.2f}; " if kept else "new gait: predicted +0.90 +- "
+    expected = (
+        f"filmed gait kept: it walked {saw:+.2f}; " if kept else "new gait: predicted +0.90 (required margin "
+    )
     assert found.reason.startswith(expected)
 
 

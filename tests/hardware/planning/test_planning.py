@@ -85,7 +85,7 @@ def test_how_many_fall_is_said():
     walk = planning._predicted_walk(gait(), walks)
     assert (walk.samples, walk.fell, walk.mean) == (4, 1, pytest.approx(1.4 / 3, abs=1e-6))
     assert describe_walk(walk) == (
-        "+0.47 +- 0.61 body lengths per five cycles where it stands",
+        "+0.47 body lengths per five cycles, -2.57 to +3.50 for 95 % of robots that stand",
         "of 4 sampled robots 1 fall over or fold, 50% go forward",
     )
     fallen = ("falls over, folds until parts touch, or buckles a coil", "all of 4 sampled robots")
