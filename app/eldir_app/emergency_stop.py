@@ -60,6 +60,8 @@ def _run_off(rig_file: Path | None, port: str | None, board: str | None) -> int:
     for sentence in ended:
         print(sentence)
     if not outcomes and not ended:
+        if rig_file is None and port is None:
+            _require_no_virtual_run()
         raise InputError(
             "no port is known that this computer drives",
             remedy=f"name it: eldir rig off --port PORT; if springs are hot, {_CUT_SUPPLY}",
@@ -81,6 +83,18 @@ def _end_virtual_runs(rig_file: Path) -> list[str]:
     from eldir_hardware.run.virtual_runs import end_virtual_run, virtual_runs_of
 
     return [end_virtual_run(run) for run in virtual_runs_of(rig_file)]
+
+
+def _require_no_virtual_run() -> None:
+    """Raise `InputError` if all that plays on this computer is in virtual time: it heats nothing."""
+    from eldir_hardware.run.virtual_runs import list_virtual_runs
+
+    if logs := ", ".join(run.log.name for run in list_virtual_runs()):
+        raise InputError(
+            f"this computer drives no board; a run in virtual time, which heats nothing, writes {logs}",
+            remedy="to end it, name its rig file: eldir rig off --rig RIG",
+            code="rig.virtual",
+        )
 
 
 def _print_current(rig_file: Path, targets: list[OffTarget]) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from eldir.errors import InputError
+from eldir_app import emergency_stop
 from eldir_app.emergency_stop import run_off
 from eldir_hardware.log.reader import read_log
 from eldir_hardware.log.recorder import Recorder
@@ -19,6 +20,7 @@ from tests.hardware.emulated_rigs import rig_file, wait
 from tests.hardware.log.log_contents import picture
 from tests.hardware.rigs_and_schedules import RIG, SCHEDULE
 from tests.hardware.run.faults import guardian_of
+from tests.raised import raises
 
 WITHIN = 0.5
 """From the click until every contact is open [s]."""
@@ -151,10 +153,15 @@ def test_a_run_in_virtual_time_is_shown_and_stopped(page, tmp_path):
 
 
 @pytest.mark.parametrize("clock", ["virtual", "wall"])
-def test_rig_off_ends_the_run_of_a_virtual_rig(clock, tmp_path, capfd):
+def test_rig_off_ends_the_run_of_a_virtual_rig(clock, tmp_path, capfd, monkeypatch):
     with virtual_run(tmp_path, clock, 100_000 if clock == "virtual" else 5) as player:
         log = tmp_path / "virtual.mcap"
         assert wait(lambda: log.exists() and log.stat().st_size > 10_000, 20.0)
+        if clock == "virtual":
+            with monkeypatch.context() as patched, raises(InputError, "rig.virtual", match="virtual.mcap"):
+                # The boards that other tests drive meanwhile are left alone.
+                patched.setattr(emergency_stop, "find_off_targets", lambda *_: ([], []))
+                run_off(None, None, None)
         assert run_off(tmp_path / "virtual.yaml", None, None) == 0
         assert player.wait(10.0) == 1
     told = capfd.readouterr().out
