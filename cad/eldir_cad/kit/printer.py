@@ -75,6 +75,9 @@ class Printer(Section):
     """Edge of a pixel on the plate [mm]; for the reader, nothing is computed from it."""
     layer: Length
     """Thickness of a layer [mm]; overhangs and islands are searched layer by layer."""
+    layer_s: Annotated[float, Field(gt=0, le=600)] | None = None
+    """Time of a layer [s]: that of a print, divided by its layers. With it kit.pdf gives the printing time.
+    Default: not known."""
     margin: Gap
     """Width of the edge of the plate that stays free [mm]."""
     spacing: Gap

@@ -81,11 +81,20 @@ def _print_totals(c: Content) -> list[str]:
         f"{sum(c.assembly.counts.values())} parts on {len(c.plates)} plates: {1e-3 * c.assembly.volume:.2f} "
         f"cm3 of {c.printer.material.name}. Supports, and resin that stays in the vat and on the parts, come "
         "to this. Neither is known here; the slicer shows the supports.",
-        f"Layers of {c.printer.layer:g} mm, without supports: {layers}. The time of a layer is not in the "
-        "printer's profile; the slicer shows the printing time.",
+        f"Layers of {c.printer.layer:g} mm, without supports: {layers}. {_describe_printing_time(c)}",
         f"Mass of the robot: {robot_mass(c):.2f} g ({', '.join(content)}), without markers, "
         "ferrules, leads and the straight ends of the coils.",
     ]
+
+
+def _describe_printing_time(c: Content) -> str:
+    """Time of all plates, one after the other, by the time of a layer; without it, who knows it."""
+    seconds = c.printer.layer_s
+    if seconds is None:
+        known = "The time of a layer is not in the printer's profile (layer_s)"
+        return f"{known}; the slicer shows the printing time."
+    hours = sum(p.height for p in (*c.plates, *c.ground_plates)) / c.printer.layer * seconds / 3600
+    return f"At {seconds:g} s a layer all plates take {hours:.1f} h, one after the other, without supports."
 
 
 def robot_mass(c: Content) -> float:

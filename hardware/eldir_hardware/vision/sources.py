@@ -134,7 +134,9 @@ class PictureFolder:
                 f"{self.path} holds no pictures",
                 code="film.no-pictures",
                 expected=", ".join(sorted(_PICTURES)),
-                found=f"{len(list(self.path.iterdir()))} other files",
+                found=f"{count} other files"
+                if (count := len(list(self.path.iterdir())))
+                else "an empty folder",
             )
         if self.rate is None:
             raise InputError(

@@ -19,6 +19,7 @@ from eldir_cad.geometry.assembly import assemble
 from eldir_cad.kit.printer import fit_to_printer, load_printer
 from eldir_cad.kit.specification import load_specification
 from eldir_cad.packet._drawing import draw_assembly_map
+from eldir_cad.packet._kit import draw_kit
 from eldir_cad.packet._pages import draw_findings, draw_order_of_work, draw_traveller
 from eldir_cad.packet._tables import bill_of_materials, wiring_table
 from eldir_cad.packet.manifest import make_content
@@ -73,6 +74,13 @@ def test_findings_that_fill_the_traveller_continue_on_another_page(content):
         figure.draw_without_rendering()
         assert min(text.get_window_extent().y0 for text in figure.texts) > 0.02 * figure.bbox.height
     assert words(figures).count("note: ") == 12
+
+
+def test_the_printing_time_is_that_of_the_layers_of_all_plates(content):
+    assert "not in the printer's profile (layer_s)" in words(draw_kit(content, wiring(2), 100))
+    timed = replace(content, printer=content.printer.model_copy(update={"layer_s": 9.0}))
+    layers = sum(round(plate.height / 0.05) for plate in content.plates)
+    assert f"all plates take {layers * 9 / 3600:.1f} h" in words(draw_kit(timed, wiring(2), 100))
 
 
 def test_the_order_of_work_tells_the_ballast_of_both_holders_together(content):
