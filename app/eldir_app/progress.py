@@ -59,16 +59,21 @@ class _PlainProgress(Progress):
         self._started = time.monotonic()
         self._printed = float("-inf")
         self._stage = ""
-        self._begun: dict[TaskID, float] = {}
+        self._begun: dict[TaskID, tuple[float, float]] = {}  # when, and at which completed fraction
+        self._steps: set[TaskID] = set()  # tasks of several steps, each from 0 to 100 %
 
     def add_task(self, *args: Any, **kwargs: Any) -> TaskID:
         task = super().add_task(*args, **kwargs)
-        self._begun[task] = time.monotonic()
+        self._begun[task] = time.monotonic(), 0.0
         self._print(task)
         return task
 
     def update(self, task_id: TaskID, *args: Any, **kwargs: Any) -> None:
+        before = self._known(task_id)
         super().update(task_id, *args, **kwargs)
+        if self._known(task_id) < before:
+            self._begun[task_id] = time.monotonic(), self._known(task_id)
+            self._steps.add(task_id)
         self._print(task_id)
 
     def _print(self, task_id: TaskID) -> None:
@@ -84,9 +89,16 @@ class _PlainProgress(Progress):
         print(f"{line} ({now - self._started:.0f} s{left})", file=sys.stderr, flush=True)
 
     def _left(self, task_id: TaskID, now: float) -> str:
-        """How long the task still takes if it goes on as fast as until now; empty where that is unknown."""
-        task = self._tasks[task_id]
-        known = task.completed / task.total if task.total else 0.0
-        if not _MIN_KNOWN <= known < 1:
+        """How long the task, or its present step, still takes if it goes on as fast as until now; empty where
+        that is unknown."""
+        begun, first = self._begun[task_id]
+        known = self._known(task_id)
+        if known - first < _MIN_KNOWN or known >= 1:
             return ""
-        return f", about {(now - self._begun[task_id]) * (1 - known) / known:.0f} s left"
+        what = "left of this step" if task_id in self._steps else "left"
+        return f", about {(now - begun) * (1 - known) / (known - first):.0f} s {what}"
+
+    def _known(self, task_id: TaskID) -> float:
+        """Completed fraction of a task; 0 where its total is not known."""
+        task = self._tasks[task_id]
+        return task.completed / task.total if task.total else 0.0

@@ -40,6 +40,21 @@ def test_a_line_per_stage_and_every_ten_seconds(clock: Time, capsys: pytest.Capt
     assert "\x1b" not in told.err and "\r" not in told.err
 
 
+def test_the_time_left_of_a_step_counts_from_its_begin(
+    clock: Time, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """An identification fits several models one after the other: no hours are left of the last one."""
+    with progress.progress_bar() as shown:
+        task = shown.add_task("starts", total=1.0)
+        for second in range(1000):
+            clock.now = float(second)
+            shown.update(task, description="starts", completed=second / 1000)
+        for second in range(11):
+            clock.now = 1000.0 + second
+            shown.update(task, description="fit", completed=0.1 + second / 20)
+    assert capsys.readouterr().err.splitlines()[-1] == "fit: 60 % (1010 s, about 8 s left of this step)"
+
+
 def test_a_stage_that_is_over_is_not_told_again(clock: Time, capsys: pytest.CaptureFixture[str]) -> None:
     with progress.progress_bar() as shown:
         show = progress.show_stages(shown)
