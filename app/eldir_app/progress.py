@@ -71,7 +71,7 @@ class _PlainProgress(Progress):
     def update(self, task_id: TaskID, *args: Any, **kwargs: Any) -> None:
         before = self._known(task_id)
         super().update(task_id, *args, **kwargs)
-        if self._known(task_id) < before:
+        if self._known(task_id) < before - _MIN_KNOWN:
             self._begun[task_id] = time.monotonic(), self._known(task_id)
             self._steps.add(task_id)
         self._print(task_id)

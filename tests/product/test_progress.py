@@ -55,6 +55,17 @@ def test_the_time_left_of_a_step_counts_from_its_begin(
     assert capsys.readouterr().err.splitlines()[-1] == "fit: 60 % (1010 s, about 8 s left of this step)"
 
 
+def test_a_run_that_begins_before_its_zero_has_one_step(
+    clock: Time, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with progress.progress_bar() as shown:
+        task = shown.add_task("driving", total=100.0)
+        for second in range(13):
+            clock.now = float(second)
+            shown.update(task, completed=second - 0.5)
+    assert capsys.readouterr().err.splitlines()[-1] == "driving: 12 % (12 s, about 92 s left)"
+
+
 def test_a_stage_that_is_over_is_not_told_again(clock: Time, capsys: pytest.CaptureFixture[str]) -> None:
     with progress.progress_bar() as shown:
         show = progress.show_stages(shown)
