@@ -13,7 +13,9 @@ if TYPE_CHECKING:
     from eldir.design import Design
     from eldir_calibration.identification.identification import RobotFilms
 
-_NOTE = "identifying: 1 to 10 minutes with one film, about half an hour with two"
+_NOTE = (
+    "identifying: 1 to 10 minutes with one film, half an hour with two, an hour or more if the robot is large"
+)
 
 
 def dynamics(
