@@ -92,7 +92,7 @@ def _require_no_virtual_run() -> None:
     if logs := ", ".join(run.log.name for run in list_virtual_runs()):
         raise InputError(
             f"this computer drives no board; a run in virtual time, which heats nothing, writes {logs}",
-            remedy="to end it, name its rig file: eldir rig off --rig RIG",
+            remedy=f"to end it: eldir rig off --rig RIG; if springs of another rig are hot, {_CUT_SUPPLY}",
             code="rig.virtual",
         )
 
