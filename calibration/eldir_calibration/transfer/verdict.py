@@ -169,6 +169,8 @@ class TransferVerdict:
 
 
 def _describe_walks(one: ComparedWalk) -> str:
+    if not np.isfinite(one.mujoco.fitness):
+        return "all fall"
     turns = f", turns by up to {np.degrees(one.largest_yaw):.0f} degrees in five cycles"
     return f"{one.mujoco.fitness:.2f}{turns if one.largest_yaw > _LARGE_YAW else ''}"
 

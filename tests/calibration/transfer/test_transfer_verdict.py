@@ -159,5 +159,7 @@ def test_designs_are_ranked_by_what_their_robots_reach_in_mujoco() -> None:
     order = "steady.json (1.41); then far.json (1.15, turns by up to 78 degrees in five cycles), "
     assert f"To build first, by the mean walk in MuJoCo less half the standard deviation: {order}" in told
     assert "falls.json (0.44)." in told
+    lost = compared(spread_around(1.0), [FALL, FALL], file="lost.json")
+    assert TransferVerdict.of([far, lost]).sentences[-2].endswith("lost.json (all fall).")
     told = " ".join(TransferVerdict.of([far, phases]).sentences)
     assert "To build" not in told, "there is nothing to choose"
