@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import eldir
-from eldir.training.own_loss import RolloutArrays
+from eldir.training.differentiable import RolloutArrays
 
 rng = np.random.default_rng(5)
 lattice = eldir.Lattice(rows=6, columns=11)

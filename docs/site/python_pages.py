@@ -21,6 +21,7 @@ MODULES = [
     "eldir.design", "eldir.trajectory", "eldir.show", "eldir.errors", "eldir.defaults",
     "eldir.training.configuration", "eldir.training.loop", "eldir.training.fitting",
     "eldir.training.randomisation", "eldir.training.gradients", "eldir.training.own_loss",
+    "eldir.training.differentiable",
     "eldir.jax.rollouts",
     "eldir.built.robot", "eldir.built.gait", "eldir.built.heat", "eldir.built.motion", "eldir.built.walking",
     "eldir.built.samples", "eldir.built.screening", "eldir.built.scene", "eldir.built.stability",

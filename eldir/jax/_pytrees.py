@@ -3,25 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields
 from typing import Any
 
 import numpy as np
 
-from eldir.controller import Controller
-from eldir.physics import Physics
+from eldir.training.differentiable import FIELDS, number_or_array
 from eldir.training.own_loss import import_jax
 
 jax = import_jax()
-
-FIELDS = {kind: tuple(f.name for f in fields(kind)) for kind in (Controller, Physics)}
-"""The names of each record's leaves."""
-
-
-def number_or_array(value: Any) -> Any:
-    """A float, or an array of NumPy in float64."""
-    array = np.asarray(value, np.float64)
-    return float(array) if array.ndim == 0 else array
 
 
 def _unflatten(kind: type[Any], leaves: Sequence[Any]) -> Any:

@@ -17,30 +17,21 @@ pip install 'eldir[jax]'.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from functools import partial
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from eldir.controller import Controller
-from eldir.core.arguments import require_count, require_known, require_value
-from eldir.engine.pack import MotionCotangents
-from eldir.engine.validity import OK
 from eldir.errors import InputError
-from eldir.jax._pytrees import FIELDS, number_or_array
+from eldir.jax import _pytrees  # noqa: F401  registers controllers and physics
 from eldir.morphology import Morphology
 from eldir.physics import Physics
-from eldir.rollout import simulate as simulate_robots
 from eldir.scene import Scene
-from eldir.training.gradients import motion_gradient
-from eldir.training.own_loss import RolloutArrays, import_jax, require_precision
+from eldir.training.differentiable import Arrays, DifferentiableRollouts, RolloutArrays
+from eldir.training.own_loss import import_jax, require_precision
 
 jax = import_jax()
-
-Arrays = Mapping[str, Any]
-"""Arrays of NumPy or JAX by the name of a record's field."""
 
 
 def simulate(
@@ -61,19 +52,9 @@ def simulate(
     one. Raises `InputError` where an argument is invalid or JAX is compiling, `EldirError` where the step is
     too large for all robots.
     """
-    scene.require_controller()
-    require_value("Scene.window", scene.window is None, "None", scene.window)
     require_precision(scene)
-    n = len(morphologies)
-    require_count("controllers", len(controllers), n)
-    require_count("physics", len(physics) if physics is not None else n, n)
-    weights = [_arrays(Controller, c) for c in controllers]
-    for given in weights:
-        require_known("arrays of a controller", given, FIELDS[Controller])
-        missing = [name for name in FIELDS[Controller] if name not in given]
-        require_value("arrays of a controller", not missing, "w1, b1, w2, b2", ", ".join(given))
-    own = [_arrays(Physics, p) for p in physics] if physics is not None else [{} for _ in morphologies]
-    return _rollouts(_Robots(tuple(morphologies), scene), weights, own)  # type: ignore[no-any-return]
+    robots = DifferentiableRollouts(tuple(morphologies), scene)
+    return _rollouts(robots, *robots.arrays(controllers, physics))  # type: ignore[no-any-return]
 
 
 def simulate_one(
@@ -87,87 +68,31 @@ def simulate_one(
     return simulate([morphology], [controller], scene, own)[0]
 
 
-@dataclass(frozen=True, eq=False)
-class _Robots:
-    """What a rollout depends on and is not differentiated with respect to."""
-
-    morphologies: tuple[Morphology, ...]
-    scene: Scene
-
-    def controllers(self, weights: Sequence[Arrays]) -> list[Controller]:
-        return [Controller(**{k: np.asarray(v, np.float64) for k, v in given.items()}) for given in weights]
-
-    def physics(self, own: Sequence[Arrays]) -> list[Physics]:
-        pairs = zip(self.morphologies, own, strict=True)
-        return [
-            Physics.of(body, self.scene).replace(**{k: number_or_array(v) for k, v in given.items()})
-            for body, given in pairs
-        ]
-
-    def simulate(self, weights: list[Any], own: list[Any]) -> list[RolloutArrays]:
-        _require_numbers(weights, own)
-        real = {"f32": np.float32, "f64": np.float64}[self.scene.precision]
-        rollouts = simulate_robots(
-            self.morphologies, self.controllers(weights), self.scene, self.physics(own)
-        )
-        return [
-            RolloutArrays(*(_to_jax(v, real) for v in (r.positions, r.velocities, r.activations)))
-            for r in rollouts
-        ]
+def _run(robots: DifferentiableRollouts, weights: list[Any], own: list[Any]) -> list[RolloutArrays]:
+    _require_numbers(weights, own)
+    # Converted by NumPy before: JAX would take three times as long.
+    return [RolloutArrays(*map(jax.numpy.asarray, found)) for found in robots.run(weights, own)]
 
 
-@partial(jax.custom_vjp, nondiff_argnums=(0,))
-def _rollouts(robots: _Robots, weights: list[Any], own: list[Any]) -> list[RolloutArrays]:
-    return robots.simulate(weights, own)
-
-
-def _forward(robots: _Robots, weights: list[Any], own: list[Any]) -> tuple[list[RolloutArrays], Any]:
+def _forward(robots: DifferentiableRollouts, weights: list[Any], own: list[Any]) -> tuple[Any, Any]:
     values = jax.tree.map(lambda primal: primal.value, (weights, own), is_leaf=lambda p: hasattr(p, "value"))
-    return robots.simulate(*values), values
+    return _run(robots, *values), values
 
 
-def _backward(robots: _Robots, values: Any, pulled: list[RolloutArrays]) -> Any:
+def _backward(robots: DifferentiableRollouts, values: Any, pulled: list[RolloutArrays]) -> Any:
     _require_numbers(values, pulled)
-    controllers, physics = robots.controllers(values[0]), robots.physics(values[1])
-    cotangents = [_cotangents(robots, *one) for one in zip(robots.morphologies, pulled, strict=True)]
-    found = motion_gradient(robots.morphologies, controllers, robots.scene, physics, cotangents)
-    return tuple(
-        [
-            {name: _gradient_like(value, getattr(record, name), ok) for name, value in given.items()}
-            for given, record, ok in zip(arrays, records, found.status == OK, strict=True)
-        ]
-        for arrays, records in zip(values, (found.controllers, found.physics), strict=True)
-    )
-
-
-def _cotangents(robots: _Robots, body: Morphology, pulled: RolloutArrays) -> MotionCotangents:
-    """What JAX gives, without arrays for what a function does not depend on."""
     unused = jax.custom_derivatives.SymbolicZero
-    positions, *others = (None if isinstance(p, unused) else np.asarray(p) for p in pulled)
-    if positions is None:
-        positions = np.zeros((robots.scene.steps + 1, *body.positions.shape))
-    return MotionCotangents(positions, *others)
+    derivatives = [RolloutArrays(*(None if isinstance(d, unused) else d for d in one)) for one in pulled]
+    return robots.pull_back(*values, derivatives, _as_jax)
 
 
+_rollouts = jax.custom_vjp(_run, nondiff_argnums=(0,))
 _rollouts.defvjp(_forward, _backward, symbolic_zeros=True)
 
 
-def _arrays(kind: type[Any], given: Any) -> dict[str, Any]:
-    """The fields of a record, or a dictionary as it is."""
-    if isinstance(given, kind):
-        return {name: getattr(given, name) for name in FIELDS[kind]}
-    return dict(given)
-
-
-def _gradient_like(value: Any, gradient: Any, ok: bool) -> Any:
-    """A gradient of the same shape and type: one number stands for all springs or masses."""
-    summed = np.sum(gradient) if np.ndim(value) == 0 else np.asarray(gradient)
-    return _to_jax(summed if ok else np.full_like(summed, np.nan), jax.numpy.result_type(value))
-
-
-def _to_jax(values: Any, kind: Any) -> Any:
-    """As an array of JAX. NumPy converts: JAX would take three times as long."""
-    return jax.numpy.asarray(np.asarray(values, kind))
+def _as_jax(gradient: Any, value: Any) -> Any:
+    """As an array of the type of the array that it belongs to."""
+    return jax.numpy.asarray(np.asarray(gradient, jax.numpy.result_type(value)))
 
 
 def _require_numbers(*trees: Any) -> None:

@@ -18,7 +18,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Sequence
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -29,25 +29,13 @@ from eldir.errors import InputError, MissingDependencyError
 from eldir.morphology import Morphology
 from eldir.physics import Physics
 from eldir.scene import Scene
+from eldir.training.differentiable import RolloutArrays
 from eldir.training.gradients import Motion, MotionGradient, loss_gradient
 
 if TYPE_CHECKING:
-    import jax
-
     from eldir.engine.pack import MotionCotangents
 
 _COMPILED = 1024  # bodies whose compiled losses are kept
-
-
-class RolloutArrays(NamedTuple):
-    """The motion of one robot over T steps, as arrays of JAX in the scene's precision."""
-
-    positions: jax.Array
-    """Positions of the masses [m], shape (T + 1, M, 2)."""
-    velocities: jax.Array
-    """Velocities of the masses [m/s], shape (T + 1, M, 2)."""
-    activations: jax.Array
-    """Activations of the active springs, from -1 to 1, shape (T, A)."""
 
 
 Loss = Callable[..., Any]

@@ -233,10 +233,14 @@ def test_wrong_arguments_are_named() -> None:
         eldir.value_and_grad(walked)(bodies, [brain], SCENE.replace(window=5))
 
 
-def test_without_jax_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "jax", None)
-    for name in ("eldir.jax", "eldir.jax.rollouts", "eldir.jax._pytrees"):
-        monkeypatch.delitem(sys.modules, name, raising=False)
+def test_without_jax_or_torch_what_to_install_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    for module in ("jax", "torch"):
+        monkeypatch.setitem(sys.modules, module, None)
+    names = ("jax", "jax.rollouts", "jax._pytrees", "torch", "torch._rollouts")
+    for name in names:
+        monkeypatch.delitem(sys.modules, f"eldir.{name}", raising=False)
     for use in (lambda: eldir.value_and_grad(walked), lambda: importlib.import_module("eldir.jax")):
         with raises(MissingDependencyError, "missing-package", match=r"pip install 'eldir\[jax\]'"):
             use()
+    with raises(MissingDependencyError, "missing-package", match="pip install torch"):
+        importlib.import_module("eldir.torch")
