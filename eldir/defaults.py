@@ -11,8 +11,16 @@ UPDATE_LENGTHS: dict[Optimiser, float] = {"steps": 0.2, "adam": 2.0}
 ITERATIONS = 35
 """Updates of every robot."""
 
-Crossover = Literal["none", "distinct", "joint"]
+EncodingName = Literal["direct", "cppn"]
+ENCODING: EncodingName = "direct"
+"""What of a body is inherited: every triangle and spring, or a network that paints them."""
+Crossover = Literal["none", "distinct", "joint", "neat"]
 CROSSOVER: Crossover = "none"
+CROSSOVERS: dict[EncodingName, tuple[Crossover, ...]] = {
+    "direct": ("none", "distinct", "joint"),
+    "cppn": ("none", "neat"),
+}
+"""Which crossovers an encoding has."""
 Ground = Literal["flat", "level", "incline", "decline"]
 """Flat, or rugged; `eldir.evolution.search` has the tilt of each rugged one."""
 GROUND: Ground = "flat"

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from eldir.core.kernels import Precision
-    from eldir.defaults import Crossover, Objective, Optimiser
+    from eldir.defaults import Crossover, EncodingName, Objective, Optimiser
     from eldir.evolution.cluster import Cluster
     from eldir.evolution.designs import Run
     from eldir.evolution.own.run_folder import ProblemRun
@@ -59,6 +59,7 @@ class NewRunOptions:
     window: int | None
     iterations: int
     randomise: str | None
+    encoding: EncodingName
     crossover: Crossover
     seed: int
 
@@ -112,6 +113,7 @@ def create_paper_run(out: Path, options: NewRunOptions) -> RunFolder:
         static_margin=options.static_margin_m,
         buildable=options.buildable,
         second_stage=options.second_stage,
+        encoding=options.encoding,
         crossover=options.crossover,
         inherit=options.inherit,
         iterations=options.iterations,

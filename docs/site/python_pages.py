@@ -15,6 +15,8 @@ MODULES = [
     "eldir.evolution.status", "eldir.evolution.figures", "eldir.evolution.best_walks",
     "eldir.evolution.cluster",
     "eldir.evolution.paper.configuration", "eldir.evolution.paper.problem", "eldir.evolution.paper.learning",
+    "eldir.evolution.paper.encoding", "eldir.evolution.paper.painting", "eldir.evolution.paper.cppn",
+    "eldir.evolution.paper.cppn_variation",
     "eldir.evolution.paper.population", "eldir.evolution.paper.run_folder", "eldir.evolution.paper.status",
     "eldir.evolution.paper.history", "eldir.evolution.paper.analysis", "eldir.evolution.paper.robot_tables",
     "eldir.evolution.own.vectors", "eldir.evolution.own.registration", "eldir.evolution.own.run_folder",

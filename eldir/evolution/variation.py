@@ -7,14 +7,13 @@ parent's learned controller that fits.
 
 from __future__ import annotations
 
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 
 from eldir.controller import CPGS, HIDDEN, Controller
 from eldir.core.arguments import require_known
 from eldir.core.records import BoolArray, IntArray
-from eldir.defaults import Crossover
 from eldir.genotype import Genotype, repair_bodies, repair_springs, stack, unstack
 from eldir.lattice import Lattice
 from eldir.morphology import Morphology
@@ -28,7 +27,7 @@ def make_offspring(
     lattice: Lattice,
     progenitors: list[Genotype],
     rng: np.random.Generator,
-    crossover: Crossover = "none",
+    crossover: Literal["none", "distinct", "joint"] = "none",
     max_active: int | None = None,
 ) -> tuple[list[Genotype], IntArray]:
     """One mutated offspring for every progenitor, and the progenitors' indices, shape (N, 2).
@@ -36,13 +35,13 @@ def make_offspring(
     The two indices are equal where an offspring has a single parent. No offspring's body equals
     the one that it was mutated from (except on a lattice of a single triangle).
     """
-    require_known("crossover", crossover, get_args(Crossover))
+    require_known("crossover", crossover, ("none", *_ZEROED))
     triangles, springs = stack(progenitors)
     n = len(triangles)
     parents = np.repeat(np.arange(n, dtype=np.int32)[:, None], 2, axis=1)
     if crossover != "none" and n > 1:
         crossed = np.flatnonzero(rng.random(n) < CROSSOVER_SHARE)
-        parents[crossed] = _pairs(n, len(crossed), rng)
+        parents[crossed] = draw_pairs(n, len(crossed), rng)
         one, other = parents[crossed].T
         triangles[crossed] = cross_bodies(lattice, triangles[one], triangles[other], crossover, rng)
         springs[crossed] = cross_springs(springs[one], springs[other], rng)
@@ -151,7 +150,7 @@ def _shift(masks: BoolArray, by: IntArray, axis: int) -> None:
     masks[:] = np.take_along_axis(masks, np.expand_dims(source, 3 - axis), axis)
 
 
-def _pairs(n: int, count: int, rng: np.random.Generator) -> IntArray:
+def draw_pairs(n: int, count: int, rng: np.random.Generator) -> IntArray:
     """Pairs of different progenitors for `count` offspring; each pair has two offspring."""
     drawn = (count + 1) // 2
     one = rng.integers(0, n, drawn)

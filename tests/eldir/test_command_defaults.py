@@ -6,7 +6,7 @@ from typing import Any, get_args, get_type_hints
 
 import typer
 
-from eldir.defaults import GENERATIONS, LATTICE, POPULATION, Crossover, Optimiser
+from eldir.defaults import GENERATIONS, LATTICE, POPULATION, Crossover, EncodingName, Optimiser
 from eldir.design import Variant
 from eldir.evolution.paper.configuration import EvolutionConfig
 from eldir.learning import learn
@@ -59,6 +59,7 @@ def test_evolve_fills_the_configuration_with_its_own_defaults():
         "window": config.scene.window,
         "iterations": config.iterations,
         "randomise": config.randomisation,
+        "encoding": config.encoding,
         "crossover": config.crossover,
         "seed": config.seed,
     }
@@ -71,6 +72,7 @@ def test_choices_of_evolve_are_those_of_the_configuration():
     hints = get_type_hints(evolve)
     assert hints["optimiser"] == get_type_hints(TrainingConfig)["optimiser"] == Optimiser
     assert hints["crossover"] == get_type_hints(EvolutionConfig)["crossover"] == Crossover
+    assert hints["encoding"] == get_type_hints(EvolutionConfig)["encoding"] == EncodingName
     help_of = {p.name: p.help for p in typer.main.get_command(_app(evolve)).params}
     for optimiser in get_args(Optimiser):
         assert f"{TrainingConfig(optimiser).update_length:g}" in help_of["update_length"]

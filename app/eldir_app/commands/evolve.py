@@ -9,7 +9,15 @@ import typer
 
 from eldir import defaults
 from eldir.core.kernels import PRECISION, Precision
-from eldir.defaults import ITERATIONS, OPTIMISER, UPDATE_LENGTHS, Crossover, Objective, Optimiser
+from eldir.defaults import (
+    ITERATIONS,
+    OPTIMISER,
+    UPDATE_LENGTHS,
+    Crossover,
+    EncodingName,
+    Objective,
+    Optimiser,
+)
 from eldir_app.options import Device, select_device
 
 if TYPE_CHECKING:
@@ -135,7 +143,19 @@ _Randomise = Annotated[
         help="Randomise the physics: by a file of eldir calibrate dynamics, or unfilmed for the priors.",
     ),
 ]
-_Crossover = Annotated[Crossover, typer.Option(help="How two progenitors are combined into one offspring.")]
+_Encoding = Annotated[
+    EncodingName,
+    typer.Option(
+        help="What of a body is inherited: every triangle and spring, or a network that paints them and "
+        "the motors' phases by their places."
+    ),
+]
+_Crossover = Annotated[
+    Crossover,
+    typer.Option(
+        help="How two progenitors are combined into one offspring; neat: networks of --encoding cppn."
+    ),
+]
 _Seed = Annotated[
     int, typer.Option(min=0, help="Random seed of the run; the same seed gives the same bytes.")
 ]
@@ -173,6 +193,7 @@ def evolve(
     window: _Window = None,
     iterations: _Iterations = ITERATIONS,
     randomise: _Randomise = None,
+    encoding: _Encoding = defaults.ENCODING,
     crossover: _Crossover = defaults.CROSSOVER,
     seed: _Seed = defaults.SEED,
     cluster: _Cluster = False,
@@ -216,6 +237,7 @@ def evolve(
             window=window,
             iterations=iterations,
             randomise=randomise,
+            encoding=encoding,
             crossover=crossover,
             seed=seed,
         )

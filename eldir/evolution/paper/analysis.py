@@ -51,7 +51,8 @@ def write_analysis(
     history = read_history(run, lambda done: step("reading", 0.5 * done / generations))
     rho, p = (float(v) for v in spearmanr(history.progenitors.sizes, history.progenitors.fitness))
     paths = []
-    again = not (run.config.inherit or run.config.randomisation)  # a seed alone gives what was learned
+    config = run.config
+    again = config.encoding == "direct" and not (config.inherit or config.randomisation)  # by the seed alone
     chosen = [("last generation", history.last), ("first generation", history.first)]
     for i, (name, robots) in enumerate(chosen if again else []):
         step("training the best again", 0.5 + 0.1 * i)
@@ -83,8 +84,8 @@ def _plots(
         ""
         if paths
         else (
-            "walks of the best robots and how they learned: with inherited weights or sampled physics a "
-            "robot cannot be trained again from its seed"
+            "walks of the best robots and how they learned: with inherited weights, painted phases or "
+            "sampled physics a robot cannot be trained again from its seed"
         )
     )
     rootless = "" if len(history.line) > 1 else "ancestors of the best robot: it is a random progenitor"

@@ -11,7 +11,7 @@ from pydantic import Field
 from eldir import defaults
 from eldir.core import arguments
 from eldir.core.records import Record, record
-from eldir.defaults import ITERATIONS, Crossover, Ground
+from eldir.defaults import CROSSOVERS, ITERATIONS, Crossover, EncodingName, Ground
 from eldir.lattice import Lattice
 from eldir.parameters.printed import BuiltParameters
 from eldir.scene import TRAINING_FIELDS, Scene
@@ -28,7 +28,7 @@ _TILTS: dict[Ground, float] = {"level": 0.0, "incline": 0.2, "decline": -0.2}
 class EvolutionConfig(Record):
     """The configuration of a run: the same values give the same robots."""
 
-    OPTIONAL = frozenset({"buildable", "second_stage", "inherit", "randomisation"})
+    OPTIONAL = frozenset({"buildable", "second_stage", "inherit", "randomisation", "encoding"})
     """What older runs lack."""
 
     lattice: Lattice = field(default_factory=lambda: Lattice(*defaults.LATTICE))
@@ -46,8 +46,11 @@ class EvolutionConfig(Record):
     """Bodies must be rigid with all springs, and their motors must be able to deform them, when built."""
     second_stage: bool = False
     """Survivors are simulated as built, and those that fall over or fold are removed."""
+    encoding: EncodingName = defaults.ENCODING
+    """What of a body is inherited: every triangle and spring, or a network that paints them."""
     crossover: Crossover = defaults.CROSSOVER
-    """How two parents make a child: not at all, with bodies that differ, or with what they share."""
+    """How two parents make a child: not at all, with bodies that differ, or with what they share; networks by
+    their aligned genes."""
     inherit: bool = False
     """Offspring of one parent start from its learned weights."""
     iterations: Annotated[int, Field(ge=1, le=defaults.MAX_ITERATIONS)] = ITERATIONS
@@ -72,6 +75,15 @@ class EvolutionConfig(Record):
                 self.lattice.columns,
                 BuiltParameters().pitch,
             )
+        possible = CROSSOVERS[self.encoding]
+        expected = f"{', '.join(possible)} with the encoding {self.encoding}"
+        arguments.require_value(
+            "EvolutionConfig.crossover",
+            self.crossover in possible,
+            expected,
+            self.crossover,
+            "choose a crossover of the encoding",
+        )
         few = not self.second_stage or (self.max_active is not None and self.max_active <= _MAX_MOTORS)
         expected = f"at most {_MAX_MOTORS}, as EvolutionConfig.second_stage tries all phases of the motors"
         remedy = "limit the motors: --max-motors 2"

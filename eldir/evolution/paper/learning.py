@@ -11,6 +11,7 @@ import numpy as np
 from eldir.controller import Controller
 from eldir.core.records import IntArray
 from eldir.evolution.paper.configuration import EvolutionConfig
+from eldir.evolution.paper.encoding import make_encoding
 from eldir.evolution.paper.population import Robot
 from eldir.evolution.variation import inherit
 from eldir.learning import LearningResult, learn
@@ -92,11 +93,17 @@ class LearningBatch:
             yield Shard(own, some.robots, some.bodies, some.initial_controllers(), config)
 
     def initial_controllers(self) -> list[Controller] | None:
-        """The initial weights if they are inherited. None: random weights."""
-        if not self.progenitors:
+        """The initial weights if the genomes describe them, or if they are inherited. None: random
+        weights."""
+        encoding = make_encoding(self.config)
+        if not (self.progenitors or encoding.has_initial_weights):
             return None
         fresh = initial_controllers(self.bodies, self.config.scene, self.seeds)
         for i, robot in enumerate(self.robots):
+            if encoding.has_initial_weights:
+                fresh[i] = encoding.initial_controller(robot.genome, self.bodies[i], fresh[i])
+            if not self.progenitors:
+                continue
             one, other = robot.parents
             parent = self.progenitors[one]
             if one == other and parent.controller:  # masks of two are shifted: their places do not agree

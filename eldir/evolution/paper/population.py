@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -34,6 +35,9 @@ class Robot(Record):
     version trained it."""
     rounded_updates: int = -1
     """Updates whose gradient rounding may dominate; -1: not known."""
+
+    genome: Any = None
+    """What the encoding varies (`eldir.evolution.paper.encoding`). None: the genotype itself."""
 
     niche = ()
     samples = 1

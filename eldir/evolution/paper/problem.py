@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -18,17 +19,18 @@ from eldir.core.records import FloatArray, IntArray
 from eldir.errors import EldirError
 from eldir.evolution.archive import Archive
 from eldir.evolution.paper.configuration import EvolutionConfig, printed_terrain, robot_seed
+from eldir.evolution.paper.encoding import make_encoding
 from eldir.evolution.paper.learning import LearningBatch
 from eldir.evolution.paper.population import Robot, is_valid
 from eldir.evolution.problem import BatchGenerator, TrialBatch
-from eldir.evolution.variation import make_offspring
-from eldir.genotype import Genotype, random_genotypes
+from eldir.genotype import Genotype
 from eldir.morphology import Morphology, develop, develop_all
 
 AcceptBody = Callable[[Morphology], bool]
 """A further condition on new bodies, in addition to the configuration. The run folder does not contain it."""
 WalkFunction = Callable[[Sequence[Morphology]], FloatArray]
 """A function that gives the walk of printed bodies, for the second stage."""
+_Born = tuple[Any, Genotype]  # a genome and its body
 _ATTEMPTS = 200  # batches sampled for bodies that are accepted
 
 
@@ -40,39 +42,49 @@ class PaperProblem:
     ) -> None:
         self.config = config
         self.seed, self.generations, self.capacity = config.seed, config.generations, config.population
-        self._accept = accept
+        self._encoding, self._accept = make_encoding(config), accept
         self._walks = walks or partial(simulate_soft_walks, terrain=printed_terrain(config.scene))
 
     def random(self, generation: int, rng: np.random.Generator) -> list[Robot]:
         c = self.config
-        found: list[Genotype] = []
+        found: list[_Born] = []
         for _ in range(_ATTEMPTS):
-            drawn = random_genotypes(c.lattice, c.population - len(found), rng, c.max_active)
-            found += [g for g in drawn if self._is_accepted(g)]
+            drawn = self._encoding.random(c.population - len(found), rng)
+            found += [born for born in self._develop(drawn) if self._is_accepted(born[1])]
             if len(found) == c.population:
                 return self._number(generation, found, np.full((c.population, 2), -1))
         raise _too_few_bodies_error(c.population - len(found))
 
     def vary(self, archive: Archive[Robot], generation: int, rng: np.random.Generator) -> list[Robot]:
         """One offspring of each survivor."""
-        c, survivors = self.config, archive.ranked()
-        genotypes, ids = [r.genotype for r in survivors], np.array([r.number for r in survivors])
-        found: dict[int, Genotype] = {}
+        survivors = archive.ranked()
+        genomes = [r.genotype if r.genome is None else r.genome for r in survivors]
+        ids = np.array([r.number for r in survivors])
+        found: dict[int, _Born] = {}
         parents = np.zeros((len(survivors), 2), np.int64)
         for _ in range(_ATTEMPTS):
-            drawn, of = make_offspring(c.lattice, genotypes, rng, c.crossover, c.max_active)
-            for i in range(len(survivors)):
-                if i not in found and self._is_accepted(drawn[i]):
-                    found[i], parents[i] = drawn[i], ids[of[i]]
+            drawn, of = self._encoding.make_offspring(genomes, rng)
+            for i, born in enumerate(self._develop(drawn)):
+                if i not in found and self._is_accepted(born[1]):
+                    found[i], parents[i] = born, ids[of[i]]
             if len(found) == len(survivors):
                 return self._number(generation, [found[i] for i in range(len(found))], parents)
         raise _too_few_bodies_error(len(survivors) - len(found))
 
-    def _number(self, generation: int, genotypes: Sequence[Genotype], parents: IntArray) -> list[Robot]:
+    def _develop(self, genomes: Sequence[Any]) -> list[_Born]:
+        return list(zip(genomes, self._encoding.develop(genomes), strict=True))
+
+    def _number(self, generation: int, born: Sequence[_Born], parents: IntArray) -> list[Robot]:
         first, seed = generation * self.config.population, self.config.seed
         return [
-            Robot(first + i, (int(one), int(other)), robot_seed(seed, generation, i), genotype)
-            for i, (genotype, (one, other)) in enumerate(zip(genotypes, parents, strict=True))
+            Robot(
+                first + i,
+                (int(one), int(other)),
+                robot_seed(seed, generation, i),
+                genotype,
+                genome=None if genome is genotype else genome,
+            )
+            for i, ((genome, genotype), (one, other)) in enumerate(zip(born, parents, strict=True))
         ]
 
     def _is_accepted(self, genotype: Genotype) -> bool:

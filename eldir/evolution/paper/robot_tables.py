@@ -17,6 +17,7 @@ from eldir.core.kernels import Precision
 from eldir.core.records import FloatArray, IntArray
 from eldir.errors import InputError
 from eldir.evolution import tables
+from eldir.evolution.paper.encoding import Encoding
 from eldir.evolution.paper.population import Robot
 from eldir.genotype import stack, unstack
 from eldir.lattice import Lattice
@@ -28,7 +29,7 @@ LAYERS = ("w1", "b1", "w2", "b2")
 FLAGS = ("chaotic_updates", "rounded_updates")
 
 
-def robots_columns(robots: Sequence[Robot]) -> dict[str, Any]:
+def robots_columns(robots: Sequence[Robot], encoding: Encoding) -> dict[str, Any]:
     """Columns with identity and genotype of robots."""
     return {
         "id": np.array([r.number for r in robots], np.int64),
@@ -36,6 +37,7 @@ def robots_columns(robots: Sequence[Robot]) -> dict[str, Any]:
         "parent_2": np.array([r.parents[1] for r in robots], np.int64),
         "seed": np.array([r.seed for r in robots], np.int64),
         **tables.genotype_bits(*stack([r.genotype for r in robots])),
+        **encoding.columns([r.genome for r in robots]),
     }
 
 
@@ -62,18 +64,20 @@ def flags(table: pa.Table) -> list[IntArray]:
     ]
 
 
-def read_learned(path: Path, lattice: Lattice) -> list[Robot]:
+def read_learned(path: Path, lattice: Lattice, encoding: Encoding) -> list[Robot]:
     """Robots with losses and weights, from a file that has both kinds of columns."""
     table = tables.read(path)
     try:
         has_walks = "walk" in table.column_names
         walks = np.array(table["walk"]) if has_walks else np.full(len(table), np.nan)
         parents = zip(table["parent_1"].to_pylist(), table["parent_2"].to_pylist(), strict=True)
+        genotypes = unstack(*tables.genotype_columns(table, lattice))
+        genomes = encoding.read(table)
         columns = (
             table["id"].to_pylist(), parents, table["seed"].to_pylist(),
-            unstack(*tables.genotype_columns(table, lattice)), *_outcome(table),
+            genotypes, *_outcome(table),
             [None if np.isnan(walk) else float(walk) for walk in walks],
-            *(updates.tolist() for updates in flags(table)),
+            *(updates.tolist() for updates in flags(table)), genomes,
         )  # fmt: skip
         return [Robot(*values) for values in zip(*columns, strict=True)]
     except (KeyError, ValueError, IndexError, AttributeError, InputError) as error:

@@ -24,6 +24,7 @@ from eldir.engine.device.process import chosen_device
 from eldir.evolution import tables
 from eldir.evolution.paper import robot_tables, status
 from eldir.evolution.paper.configuration import EvolutionConfig
+from eldir.evolution.paper.encoding import make_encoding
 from eldir.evolution.paper.learning import LearningBatch
 from eldir.evolution.paper.population import Robot, is_valid
 from eldir.evolution.paper.problem import PaperProblem
@@ -73,13 +74,13 @@ class RunFolder(GenerationsFolder[EvolutionConfig, Robot]):
         return PaperProblem(self.config, *conditions)
 
     def columns(self, generation: Generation[Robot]) -> tuple[dict[str, Any], dict[str, Any]]:
-        learned, kept = generation.tried, generation.elites
+        learned, kept, encoding = generation.tried, generation.elites, make_encoding(self.config)
         losses = [r.losses for r in learned]
-        born = robot_tables.robots_columns(learned)
+        born = robot_tables.robots_columns(learned, encoding)
         born |= {"losses": tables.lists(losses, np.float64)}
         born |= {"valid": is_valid(np.stack(losses), self.config.training.jump_threshold)}
         born |= robot_tables.flag_columns(learned)
-        alive = robot_tables.robots_columns(kept)
+        alive = robot_tables.robots_columns(kept, encoding)
         alive |= robot_tables.outcome_columns(kept, self.config.scene.precision)
         if self.config.second_stage:
             born["walk"], alive["walk"] = (
@@ -88,7 +89,7 @@ class RunFolder(GenerationsFolder[EvolutionConfig, Robot]):
         return born, alive
 
     def read_elites(self, path: Path) -> list[Robot]:
-        return robot_tables.read_learned(path, self.config.lattice)
+        return robot_tables.read_learned(path, self.config.lattice, make_encoding(self.config))
 
     def status(self, common: dict[str, Any]) -> status.Status:
         return status.describe_run(self, common)

@@ -95,6 +95,18 @@ def test_offspring_start_from_the_weights_of_their_parent(tmp_path):
     assert heirs > 0
 
 
+def test_threads_do_not_change_a_run_of_painted_bodies(tmp_path, monkeypatch):
+    scene = Scene.preset("paper").replace(steps=30).to_json()
+    config = changed(encoding="cppn", crossover="neat", generations=1, inherit=True, scene=scene)
+    folders = []
+    for threads in ("1", "2"):
+        monkeypatch.setenv("ELDIR_THREADS", threads)
+        run = RunFolder.create(tmp_path / threads, config)
+        run_generations(run, run.restore(), LocalWorkers())
+        folders.append(contents(run.path))
+    assert folders[0] == folders[1]
+
+
 @pytest.mark.parametrize("optimiser", ["steps", "adam"])
 def test_a_run_with_heirs_goes_on_with_the_same_bytes(tmp_path, optimiser):
     scene = Scene.preset("paper").replace(steps=30, window=10).to_json()
