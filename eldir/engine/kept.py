@@ -14,14 +14,16 @@ from numpy.typing import NDArray
 from eldir.controller import HIDDEN, Controller
 from eldir.engine import batch
 from eldir.engine.kernels import layout
-from eldir.engine.pack import ORIGIN, MotionCotangents, pack, pack_cotangents
+from eldir.engine.pack import ORIGIN, MotionCotangents, dtype, pack, pack_cotangents
 from eldir.engine.runtime import start
 from eldir.engine.threads import worker_threads
 from eldir.morphology import Morphology
 from eldir.physics import Physics
 from eldir.scene import Scene
 
-_ROBOTS_A_THREAD = 4
+_ROBOTS_A_THREAD = (4, 8)
+"""Fewest and most robots at a time for each thread: few launches, and few bytes (docs/decisions/0069)."""
+_CACHED = 2**24  # of a thread's robots [bytes]
 _MAX_VALUES = 2**28  # kept at a time: 1 GB in float32
 
 
@@ -40,9 +42,8 @@ class KeptRollouts:
         self._scene, self._physics = scene, list(physics)
         self._batch = pack(morphologies, controllers, scene, self._physics)
         largest = (scene.steps + 1) * max(n.state_values for n in self._batch.sizes)
-        self._at_once = min(
-            _ROBOTS_A_THREAD * worker_threads(), max(1, _MAX_VALUES // largest), len(morphologies)
-        )
+        fitting = int(np.clip(_CACHED // (largest * np.dtype(dtype(scene)).itemsize), *_ROBOTS_A_THREAD))
+        self._at_once = min(fitting * worker_threads(), max(1, _MAX_VALUES // largest), len(morphologies))
         config = batch.BatchConfig(backward=True, physics_gradients=True, keep=self._at_once)
         self._nowhere = np.zeros(len(physics) + 1, np.int32)
         self._launch = batch.make_launch(self._batch, scene, config, None, self._nowhere)

@@ -49,7 +49,7 @@ def test_gradients_are_central_differences() -> None:
     by_weights = sum(float((weights[k].grad.numpy() * getattr(turn, k)).sum()) for k in weights)
     for predicted, at in (
         (by_weights, lambda h: value(moved(brain, turn, h), torch.tensor(0.9))),
-        (stiffer.grad.item(), lambda h: value(brain, torch.tensor(0.9 + h))),
+        (stiffer.grad.item(), lambda h: value(brain, torch.tensor(0.9 + h, dtype=torch.float64))),
     ):
         ends = [float(at(k * 1e-4)) for k in (-2, -1, 1, 2)]
         assert np.dot([1, -8, 8, -1], ends) / 12e-4 == pytest.approx(predicted, rel=1e-6)
