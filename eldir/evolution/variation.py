@@ -7,13 +7,12 @@ parent's learned controller that fits.
 
 from __future__ import annotations
 
-from typing import Literal
-
 import numpy as np
 
 from eldir.controller import CPGS, HIDDEN, Controller
 from eldir.core.arguments import require_known
 from eldir.core.records import BoolArray, IntArray
+from eldir.defaults import Crossover
 from eldir.genotype import Genotype, repair_bodies, repair_springs, stack, unstack
 from eldir.lattice import Lattice
 from eldir.morphology import Morphology
@@ -27,13 +26,14 @@ def make_offspring(
     lattice: Lattice,
     progenitors: list[Genotype],
     rng: np.random.Generator,
-    crossover: Literal["none", "distinct", "joint"] = "none",
+    crossover: Crossover = "none",
     max_active: int | None = None,
 ) -> tuple[list[Genotype], IntArray]:
     """One mutated offspring for every progenitor, and the progenitors' indices, shape (N, 2).
 
-    The two indices are equal where an offspring has a single parent. No offspring's body equals
-    the one that it was mutated from (except on a lattice of a single triangle).
+    `crossover` is one of the direct encoding (`eldir.defaults.CROSSOVERS`). The two indices are equal
+    where an offspring has a single parent. No offspring's body equals the one that it was mutated from
+    (except on a lattice of a single triangle).
     """
     require_known("crossover", crossover, ("none", *_ZEROED))
     triangles, springs = stack(progenitors)
@@ -94,7 +94,7 @@ def cross_bodies(
     lattice: Lattice,
     one: BoolArray,
     other: BoolArray,
-    method: Literal["distinct", "joint"],
+    method: Crossover,
     rng: np.random.Generator,
 ) -> BoolArray:
     """Bodies of offspring: masks of both progenitors aligned, thinned and united, shapes (N, B, A), then

@@ -83,7 +83,7 @@ def _backward(robots: DifferentiableRollouts, values: Any, pulled: list[RolloutA
     _require_numbers(values, pulled)
     unused = jax.custom_derivatives.SymbolicZero
     derivatives = [RolloutArrays(*(None if isinstance(d, unused) else d for d in one)) for one in pulled]
-    return robots.pull_back(*values, derivatives, _as_jax)
+    return robots.pull_back(values[0], values[1], derivatives, _as_jax)
 
 
 _rollouts = jax.custom_vjp(_run, nondiff_argnums=(0,))

@@ -47,9 +47,9 @@ class DifferentiableRollouts:
     scene: Scene
 
     @property
-    def real(self) -> type[np.floating]:
+    def real(self) -> type[np.float32] | type[np.float64]:
         """The type of all numbers of a rollout."""
-        return {"f32": np.float32, "f64": np.float64}[self.scene.precision]
+        return np.float32 if self.scene.precision == "f32" else np.float64
 
     def arrays(
         self,

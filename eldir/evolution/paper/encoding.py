@@ -85,5 +85,6 @@ class DirectEncoding:
 
 def make_encoding(config: EvolutionConfig) -> Encoding:
     """The encoding of a run."""
-    kind = {"direct": DirectEncoding, "cppn": CppnEncoding}[config.encoding]
-    return kind(config.lattice, config.crossover, config.max_active)
+    if config.encoding == "cppn":
+        return CppnEncoding(config.lattice, config.crossover, config.max_active)
+    return DirectEncoding(config.lattice, config.crossover, config.max_active)
