@@ -96,8 +96,8 @@ class TransferVerdict:
         """The verdict on these walks."""
         untied = [one for one in compared if not one.tied]
         tied = [one for one in compared if one.tied]
-        agreements = [TransferAgreement.of(walks) for walks in (compared, untied, tied)]
-        return cls(*agreements, tuple(rank_in_mujoco(compared)))
+        whole, without, with_ties = (TransferAgreement.of(walks) for walks in (compared, untied, tied))
+        return cls(whole, without, with_ties, tuple(rank_in_mujoco(compared)))
 
     @property
     def goal_values(self) -> dict[Goal, float]:
@@ -148,9 +148,9 @@ class TransferVerdict:
                 f"Error: flagged as ties, the mean walks differ by {tied.mean_error:.2f} on average."
             )
         if len(self.ranked) > 1:
-            first, *others = [f"{one.file} ({_describe_walks(one)})" for one in self.ranked]
+            names = [f"{one.file} ({_describe_walks(one)})" for one in self.ranked]
             rule = "mean walk in MuJoCo less half the standard deviation"
-            sentences.append(f"To build first, by the {rule}: {first}; then {', '.join(others)}.")
+            sentences.append(f"To build first, by the {rule}: {names[0]}; then {', '.join(names[1:])}.")
         if all_walks.walks < _MIN_RELIABLE_WALKS:
             sentences.append("These are few walks: compare more designs before you rely on the numbers.")
         return sentences
