@@ -115,14 +115,13 @@ class RangeOfMotionNode(RigNode):
         self._run = run = LiveRangeOfMotion(self._design, schedule)
         self._stop_prediction()
         receiver, sender = _CONTEXT.Pipe(duplex=False)
-        self._prediction = _CONTEXT.Process(
+        process = _CONTEXT.Process(
             target=_predict, args=(sender, self._design, self._rig, schedule), daemon=True
         )
-        self._prediction.start()
+        process.start()
+        self._prediction = process  # not before: a node that is shut down meanwhile could not end it
         sender.close()
-        threading.Thread(
-            target=self._await_predictions, args=(self._prediction, receiver, run), daemon=True
-        ).start()
+        threading.Thread(target=self._await_predictions, args=(process, receiver, run), daemon=True).start()
 
     def _end(self) -> None:
         """The run has ended early: cycles that are not played have no ranges."""

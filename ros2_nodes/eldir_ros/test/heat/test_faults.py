@@ -143,9 +143,15 @@ def test_a_run_that_ended_early_has_no_further_cycles(tmp_path, stopped):
 
 
 def hold_prediction(node):
-    """Wait for the prediction of a run, and stop it: it then ends only when the node ends it."""
-    wait_until(lambda: children(node))
-    for child in children(node):
+    """Wait for the prediction of a run, and stop it: it then ends only when the node ends it. A child that
+    has no lower priority yet is still being told what to compute, and the node would wait for it."""
+
+    def predictions():
+        own = os.getpriority(os.PRIO_PROCESS, node)
+        return [child for child in children(node) if os.getpriority(os.PRIO_PROCESS, child) > own]
+
+    wait_until(predictions)
+    for child in predictions():
         os.kill(child, signal.SIGSTOP)
 
 
