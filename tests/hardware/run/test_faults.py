@@ -202,7 +202,9 @@ def thief(board: EmulatedBoard) -> float:
     """Another program opens the port, which only the superuser can, and takes what comes from the board."""
     other = subprocess.Popen([sys.executable, "-c", THIEF, board.port], stdout=subprocess.PIPE, text=True)
     threading.Timer(10.0, lambda: (other.kill(), other.wait(), other.stdout.close())).start()
-    return float(other.stdout.readline())
+    if not (stolen := other.stdout.readline()):
+        raise NotHeatingError("the thief took nothing: the run had ended before")
+    return float(stolen)
 
 
 def full_disk(board: EmulatedBoard, process: Forked) -> None:
