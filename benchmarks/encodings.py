@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import shutil
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -74,10 +75,7 @@ def _evolve(folder: Path, config: EvolutionConfig, budget: float) -> list[dict[s
     if file.exists():
         rows: list[dict[str, Any]] = read_json(file, _FORMAT, (_FORMAT,))["rows"]
         return rows
-    for old in sorted(folder.glob("*")):
-        old.unlink()
-    if folder.exists():
-        folder.rmdir()
+    shutil.rmtree(folder, ignore_errors=True)
     run = RunFolder.create(folder, config)
     search = run.restore()
     _load_kernels(search.ask().bodies[:1], config)  # type: ignore[attr-defined]

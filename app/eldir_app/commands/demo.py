@@ -57,7 +57,7 @@ def _summary(result: DemoResult) -> Iterator[str]:
     yield f"  learned   {learned:+.2f}; the paper's robot {PAPER['simulated']:+.2f}"
     expected, filmed = walk.predicted, walk.tracked
     interval = f"{expected.low:+.2f} to {expected.high:+.2f} for 95 % of such robots"
-    yield f"  predicted {expected.mean:+.2f}, {interval}; with nominal parameters {walk.nominal:+.2f}"
+    yield f"  predicted {expected.mean:+.2f}, {interval}; most probable robot {walk.nominal:+.2f}"
     over = f", {filmed.low:+.2f} to {filmed.high:+.2f} over cycles"
     yield f"  filmed    {filmed.mean:+.2f}{over}; the paper's robot {PAPER['tracked']:+.2f}"
     yield NOT_COMPARABLE

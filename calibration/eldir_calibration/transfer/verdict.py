@@ -148,12 +148,19 @@ class TransferVerdict:
                 f"Error: flagged as ties, the mean walks differ by {tied.mean_error:.2f} on average."
             )
         if len(self.ranked) > 1:
-            names = [f"{one.file} ({_describe_walks(one)})" for one in self.ranked]
-            rule = "mean walk in MuJoCo less half the standard deviation"
-            sentences.append(f"To build first, by the {rule}: {names[0]}; then {', '.join(names[1:])}.")
+            sentences.append(self._choice)
         if all_walks.walks < _MIN_RELIABLE_WALKS:
             sentences.append("These are few walks: compare more designs before you rely on the numbers.")
         return sentences
+
+    @property
+    def _choice(self) -> str:
+        """Which design to build first, with the others behind it."""
+        names = [f"{one.file} ({_describe_walks(one)})" for one in self.ranked]
+        rule = "by the mean walk in MuJoCo less half the standard deviation"
+        if self.ranked[0].mujoco.fitness > 0.0:
+            return f"Build first, {rule}: {names[0]}; then {', '.join(names[1:])}."
+        return f"Build none of these designs: none walks forward reliably ({rule}: {', '.join(names)})."
 
     @property
     def _ties_clause(self) -> str:

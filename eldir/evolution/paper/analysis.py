@@ -15,6 +15,7 @@ from eldir.core.pictures import Plot, csv_text, draw_plots, page_templates, writ
 from eldir.core.records import FloatArray
 from eldir.evolution import figures
 from eldir.evolution.best_walks import draw_walks, trained_walks
+from eldir.evolution.paper.encoding import make_encoding
 from eldir.evolution.paper.history import EvaluatedRobots, RunHistory, Trend, read_history
 from eldir.evolution.paper.run_folder import RunFolder
 from eldir.evolution.paper.status import describe_flags
@@ -52,7 +53,8 @@ def write_analysis(
     rho, p = (float(v) for v in spearmanr(history.progenitors.sizes, history.progenitors.fitness))
     paths = []
     config = run.config
-    again = config.encoding == "direct" and not (config.inherit or config.randomisation)  # by the seed alone
+    by_the_seed = not make_encoding(config).has_initial_weights
+    again = by_the_seed and not (config.inherit or config.randomisation)
     chosen = [("last generation", history.last), ("first generation", history.first)]
     for i, (name, robots) in enumerate(chosen if again else []):
         step("training the best again", 0.5 + 0.1 * i)

@@ -177,7 +177,7 @@ def bodies_figure(elites: Sequence[Elite], terrain: Terrain | None = None) -> Fi
         axes.plot(*(surface - origin).T, color=GROUND, lw=1.0, zorder=0)
         axes.set_aspect("equal")
         axes.set_title(
-            f"{e.walker.number}: {e.walker.expected:+.2f} (error {e.walker.error:.2f})\n"
+            f"{e.walker.number}: {e.walker.expected:+.2f} (standard error {e.walker.error:.2f})\n"
             f"{1e3 * e.per_minute:.0f} mm a minute",
             fontsize="small",
         )

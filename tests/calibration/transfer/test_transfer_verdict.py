@@ -157,9 +157,12 @@ def test_designs_are_ranked_by_what_their_robots_reach_in_mujoco() -> None:
     phases = replace(compared(spread_around(3.0), [3.0, 3.0], file="far.json"), is_own_gait=False)
     told = " ".join(TransferVerdict.of([far, falls, steady, phases]).sentences)
     order = "steady.json (1.41); then far.json (1.15, turns by up to 78 degrees in five cycles), "
-    assert f"To build first, by the mean walk in MuJoCo less half the standard deviation: {order}" in told
+    assert f"Build first, by the mean walk in MuJoCo less half the standard deviation: {order}" in told
     assert "falls.json (0.44)." in told
     lost = compared(spread_around(1.0), [FALL, FALL], file="lost.json")
     assert TransferVerdict.of([far, lost]).sentences[-2].endswith("lost.json (all fall).")
+    back = compared(spread_around(1.0), [-0.5, -0.4], file="back.json")
+    advice = TransferVerdict.of([back, lost]).sentences[-2]
+    assert advice.startswith("Build none of these designs") and "lost.json (all fall)" in advice
     told = " ".join(TransferVerdict.of([far, phases]).sentences)
-    assert "To build" not in told, "there is nothing to choose"
+    assert "Build" not in told, "there is nothing to choose"
