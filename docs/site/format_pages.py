@@ -20,6 +20,7 @@ _PAGE_OF_FORMAT = {
     "notes": "runs",
     "packet-manifest": "packet",
     "plane": "camera",
+    "prices": "packet",
     "printed-run": "evolving-for-building",
     "printed-status": "evolving-for-building",
     "problem-run": "how-to/own-problem",

@@ -33,6 +33,7 @@ MODULES = [
     "eldir_cad.checks.lean", "eldir_cad.checks.lateral_stability",
     "eldir_cad.shortlist.ranking", "eldir_cad.shortlist.folder",
     "eldir_cad.packet.folder", "eldir_cad.packet.manifest", "eldir_cad.packet.coupon",
+    "eldir_cad.packet.cost",
     "eldir_cad.packet.shopping", "eldir_cad.packet.wiring_file",
     "eldir_hardware.camera.lens", "eldir_hardware.camera.plane", "eldir_hardware.camera.projection",
     "eldir_hardware.camera.tags", "eldir_hardware.camera.plane_fit", "eldir_hardware.camera.views",

@@ -23,6 +23,7 @@ from eldir.evolution.printed.run_folder import PrintedRunFile, PrintedStatus
 from eldir.terrain import TerrainFile
 from eldir.trajectory import Trajectory
 from eldir_app.catalogue.facts import Notes
+from eldir_cad.kit.prices import Prices
 from eldir_cad.kit.printer import Printer
 from eldir_cad.kit.specification import Specification
 from eldir_cad.packet.manifest import Manifest
@@ -53,6 +54,7 @@ FORMATS: dict[str, tuple[type, str]] = {
     "notes": (Notes, "Notes and tags of a log, beside it as LOG.notes.json"),
     "packet-manifest": (Manifest, "Contents of a build packet"),
     "plane": (Plane, "Plane of motion as one camera sees it"),
+    "prices": (Prices, "Prices of what a robot and its bench need"),
     "printed-run": (PrintedRunFile, "Configuration of an evolution of printed robots"),
     "printed-status": (PrintedStatus, "Status of an evolution of printed robots"),
     "printer": (Printer, "Printer"),

@@ -169,6 +169,8 @@ def _input_error(
     place = list(first["loc"])
     if names is not None and place and isinstance(place[0], int) and place[0] < len(names):
         place[0] = names[place[0]]
+    if place and place[-1] == "[key]":  # pydantic's sign that the name of an entry is wrong, not its value
+        place.pop()
     at = ".".join(map(str, place))
     what = f"{where}{joint}{at}" if at else where
     match first["type"]:

@@ -37,6 +37,7 @@ from eldir.lattice import Lattice
 from eldir.terrain import Terrain, TerrainFile
 from eldir.trajectory import Trajectory
 from eldir_cad.kit import PRINTER
+from eldir_cad.kit.prices import load_prices
 from eldir_cad.kit.printer import load_printer
 from eldir_cad.kit.specification import kit_file, load_specification
 from eldir_cad.packet.wiring_file import read_wiring
@@ -72,6 +73,9 @@ _TOKENS = (
     b"\n- ", b",",
     b"9" * 400, b"e9", b"\t", b"\r\n", b"\xef\xbb\xbf", b"#",
 )  # fmt: skip
+
+
+_PRICES = "format: eldir-prices/1\ncurrency: EUR\nresin_kg: 180.0\nitems: {fuse: 0.4, lead: 0.9, fan: 12}\n"
 
 
 class Format(NamedTuple):
@@ -195,6 +199,7 @@ FORMATS: dict[str, Format] = {
         lambda p: load_printer(str(p)),
         _yaml,
     ),
+    "prices": Format(_file("prices.yaml", _PRICES), load_prices, _yaml),
     "trajectory": Format(
         _saved(
             "trajectory.json", lambda p: Trajectory(NAMES, np.arange(5) / 5, np.ones((5, 3, 2))).save(p)

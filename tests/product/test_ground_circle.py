@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import csv
 import json
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from io import BytesIO
@@ -60,6 +62,7 @@ WAVES = Terrain(_X, _SLOPES, _HEIGHTS - _SLOPES * _X)
 @dataclass(frozen=True)
 class Circle:
     folder: Path
+    packet_said: str
     design: Design
     truth: list[BodyFrame]
     content: ReportInput
@@ -89,7 +92,9 @@ def _play(folder: Path) -> Circle:
     invoke("evolve", "--objective", "printed", *size, *ground, "--out", str(folder / "run"))
     invoke("shortlist", str(folder / "run"), "--top", "1", "--out", str(folder / "shortlist"))
     design_file = folder / "shortlist" / "design_01.json"
-    invoke("packet", str(design_file), "--out", str(folder / "packet"))
+    write_text(folder / "prices.yaml", "{format: eldir-prices/1, currency: EUR, resin_kg: 200}")
+    priced = ["--prices", str(folder / "prices.yaml")]
+    said = invoke("packet", str(design_file), "--out", str(folder / "packet"), *priced)
     design = Design.load(folder / "packet" / "design.json")
     write_text(folder / "rig.yaml", virtual_rig(4, "packet/design.json", physics=default_physics()))
     rig = Rig.load(folder / "rig.yaml")
@@ -101,7 +106,7 @@ def _play(folder: Path) -> Circle:
     with WorkerProcess("eldir_calibration.comparison.predictions") as worker:
         content = prepare_report(folder / "log.mcap", design, worker, samples=2)
     report = write_report(content, folder / "report")
-    return Circle(folder, design, truth, content, report)
+    return Circle(folder, said, design, truth, content, report)
 
 
 def test_every_stage_knows_the_ground(circle: Circle) -> None:
@@ -110,6 +115,16 @@ def test_every_stage_knows_the_ground(circle: Circle) -> None:
     assert circle.design.printed_terrain == WAVES
     assert TerrainFile.load(circle.folder / "packet" / "ground" / "terrain.json").terrain == WAVES
     assert len(list((circle.folder / "packet" / "ground").glob("ground_*.stl"))) > 1
+
+
+def test_the_packet_prices_the_resin_of_robot_and_ground(circle: Circle) -> None:
+    with (circle.folder / "packet" / "bom.csv").open() as file:
+        rows = [row for row in csv.DictReader(file) if row["weight_g"]]
+    assert {"ground_01", "passive_spring"} <= {row["part"] for row in rows}
+    grams = sum(float(row["weight_g"]) * int(row["count"]) for row in rows)
+    cost, robot = re.search(r"cost: robot (at least ([\d.]+) EUR), bench", circle.packet_said).groups()
+    assert float(robot) == pytest.approx(0.2 * grams, abs=0.02), cost
+    assert "without a price: resin of supports, shape_memory_spring" in circle.packet_said
 
 
 def test_the_virtual_robot_stands_on_the_printed_ground(circle: Circle) -> None:

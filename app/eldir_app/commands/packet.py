@@ -24,6 +24,10 @@ def packet(
         str | None, typer.Option(help="Add a weight, such as 9g@front, 5g@rear or 4g@12 (a mass).")
     ] = None,
     in_series: InSeries = False,
+    prices: Annotated[
+        Path | None,
+        typer.Option(help="YAML file with your prices: bom.csv and kit.pdf then say what all costs."),
+    ] = None,
     marker: Annotated[
         str, typer.Option(help="Kind of the markers on m1 to m5: discs, aruco, apriltag.")
     ] = "discs",
@@ -40,6 +44,7 @@ def packet(
 
     from eldir.design import Ballast, Design, Variant
     from eldir.errors import InputError
+    from eldir_cad.kit.prices import load_prices
     from eldir_cad.kit.printer import load_printer
     from eldir_cad.kit.specification import load_specification
     from eldir_cad.packet.folder import write_packet
@@ -53,13 +58,21 @@ def packet(
     except InputError as error:
         raise typer.BadParameter(str(error), param_hint="--ballast") from None
     variant, specification = Variant(without_motor, mass), load_specification(parts)
+    paid = None if prices is None else load_prices(prices)
     require_kind(marker)
     console = Console(stderr=True)
     with console.status("computing parts and plates"):
         sheets = placement_files(robot, 1e-3 * specification.scale, marker)
         printing = load_printer(printer)
         written = write_packet(
-            robot, out, specification, printing, variant, in_series=in_series, more_files=sheets
+            robot,
+            out,
+            specification,
+            printing,
+            variant,
+            in_series=in_series,
+            prices=paid,
+            more_files=sheets,
         )
     for violation in written.report.violations:
         console.print(f"{violation.severity}: {violation}", markup=False, highlight=False, soft_wrap=True)
@@ -71,3 +84,5 @@ def packet(
         if (ground := written.manifest.ground) is not None:
             weight = sum(piece.weight_g for piece in ground.values())
             print(f"ground: {len(ground)} pieces, {weight:.0f} g of resin; assembly.pdf says how they lie")
+        if written.cost is not None:
+            print(f"cost: {written.cost}")

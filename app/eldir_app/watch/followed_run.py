@@ -112,6 +112,8 @@ class FollowedRun:
         finally:
             watching.cancel()
             self._end_processes()
+            if self._log is not None:
+                self._log.close()
 
     async def wait_for_change(self) -> None:
         """Wait until there is something new to show."""

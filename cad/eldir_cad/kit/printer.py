@@ -78,6 +78,9 @@ class Printer(Section):
     layer_s: Annotated[float, Field(gt=0, le=600)] | None = None
     """Time of a layer [s]: that of a print, divided by its layers. With it kit.pdf gives the printing time.
     Default: not known."""
+    extra_resin: Annotated[float, Field(ge=0, le=10)] | None = None
+    """Resin of supports, and of what stays in the vat and on the parts, as a share of the parts' volume.
+    With it kit.pdf gives the resin to have ready. Default: not known."""
     margin: Gap
     """Width of the edge of the plate that stays free [mm]."""
     spacing: Gap

@@ -13,9 +13,11 @@ from eldir.parameters.springs import SpringParameters, max_still_air_temperature
 from eldir.parameters.tolerances import RigTolerances
 from eldir.parameters.wiring import Wiring
 from eldir_cad.checks.strip_law import spring_parameters
+from eldir_cad.kit.prices import Prices
 from eldir_cad.packet._circuit import CURRENT_DENSITY, Circuit
 from eldir_cad.packet._layout import Page
 from eldir_cad.packet._wiring_diagram import draw_wiring
+from eldir_cad.packet.cost import Cost, resin_to_have, total_cost
 from eldir_cad.packet.manifest import Content
 from eldir_cad.packet.shopping import (
     CRIMP,
@@ -34,16 +36,17 @@ _MAX_DIFFERENCE = 0.02  # between the current limits of a motor's outputs, docs/
 _JOINT = 10e-3  # resistance of a good crimp [Ohm]
 _FREE_WIRE = 5.0  # between spring end and ferrule [mm]
 _LIST = ((0.08, 22), (0.26, 84), (0.88, 8))
+_PRICED_LIST = ((0.08, 22), (0.26, 72), (0.77, 8), (0.84, 14))
 _CHECKS = ((0.08, 26), (0.28, 56), (0.68, 38))
 _RECORD = ((0.08, 10), (0.16, 14), (0.28, 12), (0.41, 12), (0.54, 12), (0.67, 12), (0.80, 12))
 
 
-def draw_kit(c: Content, connections: Wiring, lead_mm: int) -> list[Figure]:
+def draw_kit(c: Content, connections: Wiring, lead_mm: int, prices: Prices | None = None) -> list[Figure]:
     """All pages. `lead_mm`: the longest lead to the top of the robot [mm]."""
     own = circuits(c, connections)
     longest = max(own.values(), key=lambda circuit: circuit.coils)
     return [
-        *_draw_lists(c, connections, lead_mm),
+        *_draw_lists(c, connections, lead_mm, prices),
         *_draw_rules(c, longest, lead_mm),
         *draw_wiring(connections, own),
         *_draw_joints(c),
@@ -52,21 +55,40 @@ def draw_kit(c: Content, connections: Wiring, lead_mm: int) -> list[Figure]:
     ]
 
 
-def _draw_lists(c: Content, connections: Wiring, lead_mm: int) -> list[Figure]:
+def _draw_lists(c: Content, connections: Wiring, lead_mm: int, prices: Prices | None) -> list[Figure]:
     page = Page("Kit: print and buy")
     page.heading("Print")
     page.list(_print_totals(c))
-    for heading, items in (
-        ("For the robot", parts_to_buy(c)),
-        ("For the bench, once", bench_items(c, connections, lead_mm)),
-    ):
+    for_robot, for_bench = parts_to_buy(c), bench_items(c, connections, lead_mm)
+    for heading, items in (("For the robot", for_robot), ("For the bench, once", for_bench)):
         page.heading(heading)
-        page.rows([_row(item) for item in items], _LIST)
+        page.rows([_row(item, prices) for item in items], _LIST if prices is None else _PRICED_LIST)
+    if prices is not None:
+        page.heading("Cost")
+        page.list(_describe_cost(c, total_cost(c, for_robot, for_bench, prices), prices))
     return page.figures
 
 
-def _row(item: Item) -> tuple[str, str, str]:
-    return item.name.replace("_", " "), item.purpose, f"{item.count} {item.unit}".strip()
+def _row(item: Item, prices: Prices | None) -> tuple[str, ...]:
+    row = (item.name.replace("_", " "), item.purpose, f"{item.count} {item.unit}".strip())
+    if prices is None:
+        return row
+    each = prices.items.get(item.name)
+    return *row, "not known" if each is None else f"{item.count * each:.2f} {prices.currency}"
+
+
+def _describe_cost(c: Content, cost: Cost, prices: Prices) -> list[str]:
+    lines = [f"Robot with its resin: {cost.describe(cost.robot)}."]
+    if prices.resin_kg is not None:
+        paid = 1e-3 * resin_to_have(c) * prices.resin_kg
+        lines[0] = (
+            f"{lines[0][:-1]}, of which {paid:.2f} {cost.currency} for {resin_to_have(c):.1f} g of resin."
+        )
+    lines.append(f"Bench, once: {cost.describe(cost.bench)}.")
+    if cost.unknown:
+        names = ", ".join(name.replace("_", " ") for name in cost.unknown)
+        lines.append(f"Without a price, and not in these sums: {names}.")
+    return lines
 
 
 def _print_totals(c: Content) -> list[str]:
@@ -79,12 +101,22 @@ def _print_totals(c: Content) -> list[str]:
     layers = ", ".join(f"{p.name} {p.height / c.printer.layer:.0f}" for p in (*c.plates, *c.ground_plates))
     return [
         f"{sum(c.assembly.counts.values())} parts on {len(c.plates)} plates: {1e-3 * c.assembly.volume:.2f} "
-        f"cm3 of {c.printer.material.name}. Supports, and resin that stays in the vat and on the parts, come "
-        "to this. Neither is known here; the slicer shows the supports.",
+        f"cm3 of {c.printer.material.name}. {_describe_extra_resin(c)}",
         f"Layers of {c.printer.layer:g} mm, without supports: {layers}. {_describe_printing_time(c)}",
         f"Mass of the robot: {robot_mass(c):.2f} g ({', '.join(content)}), without markers, "
         "ferrules, leads and the straight ends of the coils.",
     ]
+
+
+def _describe_extra_resin(c: Content) -> str:
+    """Supports and losses by the printer's profile; without it, who knows them."""
+    share = c.printer.extra_resin
+    if share is None:
+        come = "Supports, and resin that stays in the vat and on the parts, come to this"
+        return f"{come}. They are not in the printer's profile (extra_resin); the slicer shows the supports."
+    ground = "" if c.ground is None else " and ground"
+    extra = f"{share:.0%} for supports and for what stays in the vat and on the parts"
+    return f"With {extra}, have {resin_to_have(c):.1f} g ready for robot{ground}."
 
 
 def _describe_printing_time(c: Content) -> str:

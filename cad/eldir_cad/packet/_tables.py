@@ -9,6 +9,8 @@ import numpy as np
 from eldir.core.pictures import csv_text
 from eldir.parameters.wiring import Wiring
 from eldir_cad.checks.contacts import Lead
+from eldir_cad.kit.prices import Prices
+from eldir_cad.packet.cost import total_volume
 from eldir_cad.packet.manifest import Content
 from eldir_cad.packet.shopping import Item
 
@@ -21,8 +23,8 @@ def lead_lengths(leads: Sequence[Lead]) -> dict[int, int]:
     return {m: round(max(lead.length for lead in leads if lead.motor == m) + SLACK) for m in sorted(motors)}
 
 
-def bill_of_materials(c: Content, bought: Sequence[Item]) -> str:
-    """Printed parts, then what is bought for robot and bench, as CSV."""
+def bill_of_materials(c: Content, bought: Sequence[Item], prices: Prices | None = None) -> str:
+    """Printed parts, then what is bought for robot and bench, as CSV; with `prices` what each row costs."""
     density = c.printer.material.density * 1e-3  # g/mm3
     rows: list[list[object]] = []
     for name, count in c.assembly.counts.items():
@@ -34,10 +36,23 @@ def bill_of_materials(c: Content, bought: Sequence[Item]) -> str:
         part = piece.part
         size = [f"{part.volume:.1f}", f"{part.volume * density:.3f}"]
         rows.append([part.name, part.purpose, 1, *size, f"{part.name}.stl", part.pose, "none"])
+    if c.printer.extra_resin is not None:
+        volume = total_volume(c) * c.printer.extra_resin
+        size = [f"{volume:.1f}", f"{volume * density:.3f}"]
+        rows.append(["extra_resin", "of supports; stays in the vat and on the parts", 1, *size, "", "", ""])
+    printed = len(rows)
     for item in bought:
         purpose = item.purpose + (f"; count in {item.unit}" if item.unit else "")
         rows.append([item.name, purpose, item.count, "", "", "", "", ""])
     header = ["part", "purpose", "count", "volume_mm3", "weight_g", "file", "printed", "supports"]
+    if prices is not None:
+        header.append(f"price_{prices.currency}")
+        for row in rows[:printed]:
+            weight = float(str(row[4])) * int(str(row[2]))
+            row.append("" if prices.resin_kg is None else f"{1e-3 * weight * prices.resin_kg:.2f}")
+        for row, item in zip(rows[printed:], bought, strict=True):
+            each = prices.items.get(item.name)
+            row.append("" if each is None else f"{item.count * each:.2f}")
     return csv_text(header, rows)
 
 

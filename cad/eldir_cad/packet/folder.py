@@ -25,6 +25,7 @@ from eldir_cad.checks.buildability import check_with_leads
 from eldir_cad.checks.contacts import Lead
 from eldir_cad.checks.violations import BuildReport
 from eldir_cad.geometry.shapes import stl
+from eldir_cad.kit.prices import Prices
 from eldir_cad.kit.printer import Printer, fit_to_printer, load_printer
 from eldir_cad.kit.specification import Specification, load_specification
 from eldir_cad.packet import _drawing
@@ -33,6 +34,7 @@ from eldir_cad.packet._layout import add_footer
 from eldir_cad.packet._pages import draw_findings, draw_ground, draw_order_of_work, draw_traveller
 from eldir_cad.packet._tables import bill_of_materials, lead_lengths, wiring_table
 from eldir_cad.packet._viewer import assembly_page
+from eldir_cad.packet.cost import Cost, total_cost
 from eldir_cad.packet.manifest import Content, Manifest, make_content
 from eldir_cad.packet.shopping import bench_items, parts_to_buy
 
@@ -44,6 +46,8 @@ class Packet:
     path: Path
     report: BuildReport
     manifest: Manifest
+    cost: Cost | None
+    """What robot and bench cost; None: no prices were given."""
 
 
 def write_packet(
@@ -54,12 +58,14 @@ def write_packet(
     variant: Variant | None = None,
     *,
     in_series: bool = False,
+    prices: Prices | None = None,
     more_files: Mapping[str, bytes] | None = None,
 ) -> Packet:
     """Check the design, make its parts and write the folder `out`, which must not exist yet.
 
-    `in_series`: both springs of a motor are wired in series on one relay channel. `more_files`: further
-    files, by name, such as those of `eldir_hardware.markers.placement`.
+    `in_series`: both springs of a motor are wired in series on one relay channel. `prices`: for what
+    bom.csv and kit.pdf list. `more_files`: further files, by name, such as those of
+    `eldir_hardware.markers.placement`.
 
     Raises `InputError` for a design that cannot be built, `EldirError` where a part cannot be printed,
     parts do not fit together, or `out` cannot be written.
@@ -73,15 +79,17 @@ def write_packet(
     with new_folder(out) as folder:
         content = make_content(built, report, spec, printer, variant)
         connections = wiring(built.morphology.motors, in_series=in_series)
-        _write_files(folder, content, connections, leads)
+        cost = _write_files(folder, content, connections, leads, prices)
         for name, data in (more_files or {}).items():
             write_bytes(folder / name, data)
         manifest = Manifest.of(folder, content, connections)
         manifest.save(folder / "manifest.json")
-    return Packet(out, report, manifest)
+    return Packet(out, report, manifest, cost)
 
 
-def _write_files(folder: Path, c: Content, connections: Wiring, leads: Sequence[Lead]) -> None:
+def _write_files(
+    folder: Path, c: Content, connections: Wiring, leads: Sequence[Lead], prices: Prices | None
+) -> Cost | None:
     c.built.save(folder / "design.json")
     for part in c.assembly.parts.values():
         write_bytes(folder / "parts" / f"{part.name}.stl", stl(part.mesh))
@@ -97,8 +105,9 @@ def _write_files(folder: Path, c: Content, connections: Wiring, leads: Sequence[
             write_bytes(folder / "plates" / f"{plate.name}.stl", plate.stl())
     body = c.assembly.morphology
     lead_mm = max(lead_lengths(leads).values())
-    bought = [*parts_to_buy(c), *bench_items(c, connections, lead_mm)]
-    write_text(folder / "bom.csv", bill_of_materials(c, bought))
+    for_robot, for_bench = parts_to_buy(c), bench_items(c, connections, lead_mm)
+    cost = None if prices is None else total_cost(c, for_robot, for_bench, prices)
+    write_text(folder / "bom.csv", bill_of_materials(c, [*for_robot, *for_bench], prices))
     write_text(folder / "wiring.csv", wiring_table(c, connections, leads))
     ballast = c.variant.ballast.mass if c.variant.ballast else None
     plan = _drawing.draw_assembly_map(c.assembly, connections, ballast)
@@ -108,11 +117,12 @@ def _write_files(folder: Path, c: Content, connections: Wiring, leads: Sequence[
     if c.ground is not None:
         pages.append(draw_ground(c, c.ground))
     write_bytes(folder / "assembly.pdf", pdf(add_footer(pages, footer)))
-    write_bytes(folder / "kit.pdf", pdf(add_footer(draw_kit(c, connections, lead_mm), footer)))
+    write_bytes(folder / "kit.pdf", pdf(add_footer(draw_kit(c, connections, lead_mm, prices), footer)))
     write_text(folder / "assembly.html", assembly_page(c.assembly, c.spec, connections))
     write_bytes(folder / "preview.png", preview)
     write_bytes(folder / "preview.glb", _drawing.robot_glb(c.assembly, c.spec))
     write_bytes(folder / "traveller.pdf", pdf(add_footer(draw_traveller(c), footer)))
+    return cost
 
 
 def _footer(folder: Path, c: Content) -> str:

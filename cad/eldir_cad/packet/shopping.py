@@ -10,6 +10,7 @@ import numpy as np
 from eldir.parameters.bench import CONTACT_RATING_A, MAX_ON_S, MAX_TOTAL_CURRENT_A, TIMER_S
 from eldir.parameters.wiring import Wiring
 from eldir_cad.checks.strip_law import spring_parameters
+from eldir_cad.kit.prices import ItemName
 from eldir_cad.packet._circuit import (
     STRAND_RESISTIVITY,
     Circuit,
@@ -33,7 +34,7 @@ _SPARE = 2  # fuses for each output
 class Item:
     """One line of the shopping list."""
 
-    name: str
+    name: ItemName
     """Name, as in bom.csv."""
     purpose: str
     """Description with ratings."""

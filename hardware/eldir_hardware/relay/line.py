@@ -182,7 +182,8 @@ class SerialLine:
             f"the answer of the relay board at {self.url} is too short",
             expected=expected,
             found=answer.hex(" "),
-            remedy=f"check its kind in the rig file, and that it is set to {self.baud} baud (Modbus: unit 1)",
+            remedy="check its kind and its number of relays in the rig file, and that it is set to "
+            f"{self.baud} baud (Modbus: unit 1)",
         )
 
     def close(self) -> None:

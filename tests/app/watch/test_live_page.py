@@ -214,6 +214,23 @@ def test_the_stop_opens_every_contact(how, player, page, tmp_path):
 
 
 @again_where_busy
+def test_a_stop_is_told_on_the_pages_of_others(page, tmp_path):
+    with heating(tmp_path / "run") as run, watching("--rig", run.rig) as (address, _), browser() as other:
+        for one in (page, other):
+            one.open(address)
+            one.wait("document.getElementById('mode').innerText == 'Running: log.mcap'")
+        assert other.ask("document.getElementById('alarm').hidden")
+        page.click("#stop")
+        assert run.player.wait(5.0) == 1
+        other.wait("document.getElementById('alarm').innerText.includes('Nothing heats before')")
+        other.wait("document.getElementById('mode').innerText == 'Ended: log.mcap'")
+        assert other.text("outcome") == "", "nobody pressed Stop there"
+        shown = other.text("run")
+        time.sleep(1.0)
+        assert other.text("run") == shown, "the clocks of the run stand still"
+
+
+@again_where_busy
 def test_a_run_is_paused_and_finished_from_the_page(page, tmp_path):
     with heating(tmp_path / "again") as run, watching("--rig", run.rig) as (address, _):
         page.size(390, 844)
