@@ -10,6 +10,7 @@ from __future__ import annotations
 import logging
 import os
 import select
+import signal
 import socket
 import subprocess
 import time
@@ -279,13 +280,17 @@ class Guardian(HeaterBank, Resource):
         A signal may interrupt this anywhere; then `stop` does it again.
         """
         if not self._armed:
+            status = 0
             with suppress(subprocess.TimeoutExpired):
-                self._process.wait(_EXIT_TIMEOUT)  # it may print a message
+                status = self._process.wait(_EXIT_TIMEOUT)
             self._has_ended = True
+            problem = "the guardian ended before it was armed"
+            if status < 0:  # a signal, such as that of `eldir rig off`: it could not say anything
+                problem += f", by {signal.Signals(-status).name}"
             return EldirError(
-                "the guardian ended before it was armed",
+                problem,
                 code="guardian.not-armed",
-                remedy="see its message above",
+                remedy="start again" if status < 0 else "see its message above",
             )
         if locate(self._board_identity) is None:
             cause += f", and the port {self._port} was lost"

@@ -2,6 +2,7 @@
 
 import os
 import select
+import signal
 import socket
 import subprocess
 import tty
@@ -62,6 +63,7 @@ class Child:
     """The guardian's process."""
 
     pid = 1
+    status = 1
 
     def __init__(self, command: list[str], **options) -> None:
         self.command, self.options = command, options
@@ -75,10 +77,11 @@ class Child:
         if self.first is None:
             self.wire.close()
 
-    def wait(self, timeout: float | None = None) -> None:
+    def wait(self, timeout: float | None = None) -> int:
         self.done.append(("wait", timeout))
         if self.hangs and timeout is not None:
             raise subprocess.TimeoutExpired("guardian", timeout)
+        return self.status
 
     def kill(self) -> None:
         self.done.append("kill")
@@ -227,6 +230,15 @@ def test_only_the_process_holds_its_end(desk):
         guardian.keep_alive(ignore)
     assert child.done == [("wait", 2.0)]
     guardian.stop("later")
+
+
+def test_one_that_a_signal_ends_before_it_is_armed_has_no_message_above(desk):
+    guardian, child = opened()
+    child.wire.close()
+    child.status = -signal.SIGTERM
+    with raises(EldirError, "guardian.not-armed", match="by SIGTERM") as caught:
+        guardian.keep_alive(ignore)
+    assert "message above" not in str(caught.value)
 
 
 def test_one_that_the_kernel_holds_before_it_is_armed_is_not_waited_for(desk):
