@@ -43,6 +43,8 @@ class ActuationSequencerNode(RigNode):
         self._rig: Rig | None = None
         self._goals: dict[bytes, _GoalLink] = {}
         """Goals that were accepted and have not ended."""
+        self._early_cancels: set[bytes] = set()
+        """Accepted goals whose cancellation came before `_start_goal`: rclpy answers the client first."""
         self._playing_lock, self._goals_lock = threading.Lock(), threading.Lock()
         self._client_heartbeats = Heartbeats(CLIENT_TIMEOUT)
         self.commands = self.advertise(HeatCommand, "relay_board/commands", COMPLETE)
@@ -106,18 +108,24 @@ class ActuationSequencerNode(RigNode):
 
     def _start_goal(self, goal: ServerGoalHandle) -> None:
         self._interrupt(runs.PREEMPTED, "another schedule was sent")
-        client = goal.request.client
+        name, client = bytes(goal.goal_id.uuid), goal.request.client
         # The goal itself counts as a heartbeat.
         self._client_heartbeats.update(client, ACTIVE, time.monotonic())
+        link = _GoalLink(self, goal, lambda: self._missing(client))
         with self._goals_lock:
-            self._goals[bytes(goal.goal_id.uuid)] = _GoalLink(self, goal, lambda: self._missing(client))
+            self._goals[name] = link
+            if name in self._early_cancels:
+                self._early_cancels.remove(name)
+                link.bank.interrupt(runs.CANCELLED, "cancelled")
         goal.execute()
 
     def _cancel(self, goal: ServerGoalHandle) -> CancelResponse:
+        name = bytes(goal.goal_id.uuid)
         with self._goals_lock:
-            link = self._goals.get(bytes(goal.goal_id.uuid))
-            if link is not None:
-                link.bank.interrupt(runs.CANCELLED, "cancelled")
+            if name in self._goals:
+                self._goals[name].bank.interrupt(runs.CANCELLED, "cancelled")
+            else:
+                self._early_cancels.add(name)
         return CancelResponse.ACCEPT
 
     def _execute(self, goal: ServerGoalHandle) -> RunSchedule.Result:
