@@ -93,8 +93,12 @@ class ActuationSequencerNode(RigNode):
     def _interrupt(self, outcome: int, why: str) -> None:
         """End every goal."""
         with self._goals_lock:
-            for link in self._goals.values():
-                link.bank.interrupt(outcome, why)
+            self._interrupt_all(outcome, why)
+
+    def _interrupt_all(self, outcome: int, why: str) -> None:
+        """End every goal; the caller holds their lock."""
+        for link in self._goals.values():
+            link.bank.interrupt(outcome, why)
 
     def _on_states(self, message: BoardState) -> None:
         state = board.state_from(message)
@@ -107,12 +111,12 @@ class ActuationSequencerNode(RigNode):
             return GoalResponse.REJECT if len(self._goals) >= _MAX_GOALS else GoalResponse.ACCEPT
 
     def _start_goal(self, goal: ServerGoalHandle) -> None:
-        self._interrupt(runs.PREEMPTED, "another schedule was sent")
         name, client = bytes(goal.goal_id.uuid), goal.request.client
         # The goal itself counts as a heartbeat.
         self._client_heartbeats.update(client, ACTIVE, time.monotonic())
         link = _GoalLink(self, goal, lambda: self._missing(client))
-        with self._goals_lock:
+        with self._goals_lock:  # one step: of two goals at the same time the later one ends the earlier one
+            self._interrupt_all(runs.PREEMPTED, "another schedule was sent")
             self._goals[name] = link
             if name in self._early_cancels:
                 self._early_cancels.remove(name)
