@@ -2,7 +2,9 @@
 
 Each design stands on virtual rigs with `parameter_spread: large`, moved by MuJoCo, where `eldir adapt` makes
 its runs. With `--exhaustive` all phases are played on the same rig, and the best true walk is printed beside
-that of the schedule with which the adaptation ended.
+that of the schedule with which the adaptation ended. With `--compare` it is compared with a search without
+a model and with a model without films (`benchmarks.adaptation_comparison`); a rig is then a line in
+comparison.jsonl, and a later call computes those that are not in it.
 """
 
 from __future__ import annotations
@@ -18,6 +20,8 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.adaptation_comparison import compare
+from benchmarks.hidden_robot import hidden_rig
 from eldir.built.robot import build
 from eldir.built.screening import candidate_gaits
 from eldir.core.files import write_text
@@ -27,13 +31,11 @@ from eldir_calibration.adaptation.runs import AdaptationConfig
 from eldir_hardware.planning.compiler import compile_schedule
 from eldir_hardware.planning.plan import heating_limits
 from eldir_hardware.rig.configuration import Rig
-from eldir_hardware.rig.template import CURRENT_LIMIT_A, virtual_rig
+from eldir_hardware.rig.template import CURRENT_LIMIT_A
 from eldir_hardware.run.drive import DriveConfig, drive_rig
 from eldir_hardware.safety.compatibility import with_digests
 from eldir_hardware.schedule import ActuationSchedule
 from eldir_hardware.virtual.rig import BodyFrame
-
-_MEASURED = {"current": 0.02, "ambient_min_c": 19.0, "ambient_max_c": 25.0}  # tolerances with another current
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -47,7 +49,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
         "--current", type=float, default=CURRENT_LIMIT_A, help="current limit of the rigs [A]"
     )
     parser.add_argument("--exhaustive", action="store_true")
+    parser.add_argument("--compare", action="store_true", help="with other ways to spend the runs")
     given = parser.parse_args(arguments)
+    if given.compare:
+        compare([file.resolve() for file in given.designs], given.seeds, given.runs, given.out)
+        return
     rows: list[dict[str, Any]] = []
     print("| design | rig | runs: predicted, filmed | last schedule | best of all phases | processor [s] |")
     print("| --- | --- | --- | --- | --- | --- |")
@@ -73,27 +79,15 @@ class Bench:
         """The robot."""
         return Design.load(self.design_file)
 
-    @cached_property
+    @property
     def rig_file(self) -> Path:
-        """The rig file, written at the first call."""
-        rig = virtual_rig(self.seed, str(self.design_file), physics="mujoco")
-        self.folder.mkdir(parents=True)
-        file = self.folder / "rig.yaml"
-        file.write_text(
-            rig.replace(f"  seed: {self.seed}\n", f"  seed: {self.seed}\n  parameter_spread: large\n")
-        )
-        return file
+        """The rig file, which `rig` writes."""
+        return self.folder / "rig.yaml"
 
     @cached_property
     def rig(self) -> Rig:
         """The rig, with narrower tolerances if it has another current than the template's."""
-        rig = Rig.load(self.rig_file)
-        if self.current == CURRENT_LIMIT_A:
-            return rig
-        supply = rig.supply.model_copy(update={"current_limit_a": self.current})
-        return rig.model_copy(
-            update={"supply": supply, "tolerances": rig.tolerances.model_copy(update=_MEASURED)}
-        )
+        return hidden_rig(self.design_file, self.seed, self.folder, self.current)
 
     def row(self, runs: int, exhaustive: bool) -> dict[str, Any]:
         """An adaptation, and the walks of its last schedule and of all phases."""

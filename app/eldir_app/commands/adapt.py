@@ -104,6 +104,8 @@ def _require_own_folder(out: Path) -> None:
 
     require_folder(out / PRIOR)
     names = {path.name for path in out.iterdir()} if out.is_dir() else set()
+    # A program that was killed leaves the temporary name under which it wrote.
+    names = {name for name in names if not name.startswith(f".{PRIOR}.")}
     is_own = "run_01" in names or names <= {PRIOR}
     if out.exists() and not (out.is_dir() and is_own):
         raise EldirError(

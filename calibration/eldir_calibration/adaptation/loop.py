@@ -32,6 +32,7 @@ from eldir_calibration.adaptation.films import (
 from eldir_calibration.adaptation.page import write_film, write_page
 from eldir_calibration.adaptation.prior import BELIEF, find_prior
 from eldir_calibration.adaptation.runs import Adaptation, AdaptationConfig, AdaptationRun, Fault, best_run
+from eldir_calibration.dynamics.configuration import DEFAULT_CONFIG
 from eldir_calibration.dynamics.recording import Progress
 from eldir_calibration.identification.identification import RobotFilms
 from eldir_hardware.planning.plan import PlanConfig
@@ -76,12 +77,13 @@ def adapt(
     `on_run` is called with each run after its film was read. `prior`: folders of adaptations of other robots
     of the kit; they count from the first run on, so that a folder with runs has them already. The log of a
     film that cannot be used is kept under another name, and the run is repeated by the next call. Raises
-    `InputError` for a robot on a printed ground, whose films do not tell where it is, and for logs of other
-    springs.
+    `InputError` for a robot on a printed ground, whose films do not tell where it is, for one with too few
+    markers, and for logs of other springs.
     """
     deadline = _Deadline(config.minutes, clock)
     design = Design.load(design_file)
     _require_table(design)
+    _require_markers(design)
     summary = folder / _SUMMARY
     begun = Adaptation.load(summary) if summary.exists() else Adaptation((), None, "")
     runs, faults = list(begun.runs), begun.faults
@@ -127,7 +129,7 @@ def adapt(
             _set_aside(log)  # else the same command would fail for ever
             raise
         runs.append(_record(log, design, schedule, films[-1], filmed_walks(films[:-1]), scene))
-        _save(folder, Adaptation(tuple(runs), best_run(runs), ""))
+        _save(folder, Adaptation(tuple(runs), best_run(runs), "", (), faults))  # those of earlier runs
         on_run(len(runs), runs[-1])
         write_film(log, design, films[-1])
         scene, faults = _learn(design, rig, films, known, faults, config, progress)
@@ -170,6 +172,20 @@ def _require_table(design: Design) -> None:
             code="dynamics.terrain",
             expected="a robot on a table: where a ground lies under the robot is not measured",
             remedy="use a design of the same body without printed_terrain",
+        )
+
+
+def _require_markers(design: Design) -> None:
+    """Raise `InputError` for a robot with fewer markers than a belief needs: before it is heated, not after
+    its first film."""
+    marks, needed = len(design.marks), DEFAULT_CONFIG.min_markers
+    if marks < needed:
+        raise InputError(
+            "the robot carries too few markers to learn from",
+            code="adapt.too-few-marks",
+            expected=f"{needed} or more",
+            found=str(marks),
+            remedy="take a design with more masses on its rear, such as another one of the shortlist",
         )
 
 

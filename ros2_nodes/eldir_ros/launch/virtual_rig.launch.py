@@ -7,8 +7,6 @@
 ros2 launch eldir_ros virtual_rig.launch.py [folder:=demo] [logs:=DIR] [composed:=true] [run:=false]
 """
 
-import atexit
-import shutil
 import tempfile
 from pathlib import Path
 
@@ -22,8 +20,7 @@ from launch import LaunchDescription
 
 def generate_launch_description():
     folder = LaunchConfiguration("folder")
-    port = str(Path(own_folder := tempfile.mkdtemp(prefix="eldir-")) / "board")
-    atexit.register(shutil.rmtree, own_folder, ignore_errors=True)  # also where arguments are only shown
+    port = str(Path(tempfile.mkdtemp(prefix="eldir-")) / "board")
     arguments = launching.arguments(
         (
             "folder",

@@ -16,10 +16,8 @@ from scipy.integrate import quad
 from scipy.stats import norm
 from typer.testing import CliRunner
 
-from eldir.built import gait_search, samples
 from eldir.built.samples import IdentifiedRobots, simulate_most_probable
 from eldir.built.scene import PrintedScene
-from eldir.built.screening import candidate_gaits
 from eldir.controller import Controller
 from eldir.design import Design
 from eldir.errors import EldirError, InputError
@@ -34,12 +32,12 @@ from eldir_calibration.adaptation.choice import discrepancy, expected_improvemen
 from eldir_calibration.adaptation.films import FilmedWalk, nominal_robot
 from eldir_calibration.adaptation.loop import adapt
 from eldir_calibration.adaptation.page import quantity_rows
-from eldir_calibration.adaptation.runs import Adaptation, AdaptationConfig
-from eldir_calibration.dynamics.belief import BeliefConfig
+from eldir_calibration.adaptation.runs import Adaptation, AdaptationConfig, AdaptationRun, Fault
 from eldir_calibration.dynamics.recording import INTERVAL, FilmedBody, Recording, predict_markers
 from eldir_hardware.log.recorder import Recorder
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.schedule import ActuationSchedule
+from tests.calibration.adaptation.short_adaptation import FEW, shorten
 from tests.calibration.dynamics.hidden_rigs import LATTICE, walker, walker_genotype
 from tests.hardware.rigs_and_schedules import rig_text
 from tests.paths import SCHEMAS
@@ -47,7 +45,6 @@ from tests.raised import raises
 
 STEP = Terrain(np.array([-1.0, 0.06, 0.12]), np.array([0.0, 0.1, 0.0]), np.array([0.0, -0.006, 0.006]))
 OFF = {"hot_length": -0.8, "current": 0.5, "friction": 0.5}
-FEW = AdaptationConfig(runs=2, samples=2, cycles=2, min_gain=0.0, belief=BeliefConfig(members=8, max_steps=1))
 
 
 def make_walker() -> Design:
@@ -113,8 +110,7 @@ class Bench:
 def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
     """After an adaptation whose second run failed, and which went on."""
     with pytest.MonkeyPatch.context() as shorter:  # how far it walks in the end is no matter here
-        shorter.setattr(samples, "CYCLES", 1)
-        shorter.setattr(gait_search, "candidate_gaits", lambda motors: candidate_gaits(motors, 3))
+        shorten(shorter.setattr)
         made = Bench(tmp_path_factory.mktemp("bench"))
         made.fails_in_run = 2
         with pytest.raises(EldirError, match="the supply has failed"):
@@ -227,6 +223,23 @@ def test_one_film_tells_half_of_what_is_predicted_too_much(bench: Bench) -> None
 
 
 @pytest.mark.stress
+def test_faults_of_earlier_runs_outlast_a_kill(bench: Bench) -> None:
+    """Also one between the record of a run and what is learned from it."""
+    copy = bench.folder / "faulty"
+    shutil.copytree(bench.folder / "out", copy)
+    known = Fault(1, "fall", "the robot falls at 43 s", "put ballast where the robot is low")
+    replace(Adaptation.load(copy / "adaptation.json"), faults=(known,)).save(copy / "adaptation.json")
+
+    def kill(number: int, run: AdaptationRun) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        adapt(bench.design_file, bench.rig, copy, bench.drive, replace(FEW, runs=3), on_run=kill)
+    found = Adaptation.load(copy / "adaptation.json")
+    assert len(found.runs) == 3 and known in found.faults
+
+
+@pytest.mark.stress
 def test_an_adaptation_that_is_complete_stays_as_it_is(bench: Bench) -> None:
     copy = bench.folder / "complete"
     shutil.copytree(bench.folder / "out", copy)
@@ -315,8 +328,16 @@ def test_what_cannot_be_adapted_is_refused_before_anything_is_heated(bench: Benc
     assert isinstance(result.exception, EldirError) and result.exception.code == "adapt.other-folder"
     result = CliRunner().invoke(application(), [*command, str(tmp_path / "new"), "--room", "50"])
     assert isinstance(result.exception, EldirError) and result.exception.code == "limit.room"
+    killed = tmp_path / "killed"  # while it wrote its first file
+    killed.mkdir()
+    (killed / ".prior.json.x3k1").touch()
+    result = CliRunner().invoke(application(), [*command, str(killed), "--room", "50"])
+    assert isinstance(result.exception, EldirError) and result.exception.code == "limit.room"
     on_ground = replace(bench.design, printed_terrain=STEP)
     on_ground.save(tmp_path / "design.json")
     with raises(InputError, "dynamics.terrain"):
+        adapt(tmp_path / "design.json", bench.rig, tmp_path / "new", bench.drive)
+    replace(bench.design, kept_marks=tuple(bench.design.marks[:2].tolist())).save(tmp_path / "design.json")
+    with raises(InputError, "adapt.too-few-marks", match="found 2"):
         adapt(tmp_path / "design.json", bench.rig, tmp_path / "new", bench.drive)
     assert not (tmp_path / "new").exists()
