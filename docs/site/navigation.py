@@ -25,6 +25,7 @@ _BELOW: dict[str, dict[str, list[str]]] = {
             "explanation/heat",
             "explanation/evidence",
             "explanation/open-problems",
+            "explanation/pretraining",
             "decisions/index",
         ],
         "Reference": [

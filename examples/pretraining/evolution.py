@@ -28,21 +28,17 @@ class Walker:
     samples = 1
 
 
+@dataclass(frozen=True)
 class UniversalProblem:
     """An evolution for `eldir.evolution.Search`. After each generation the controller is trained by
     `updates` on the survivors, which are evaluated again. Without updates it is frozen."""
 
-    def __init__(
-        self,
-        trainer: Trainer,
-        lattice: eldir.Lattice,
-        population: int,
-        generations: int,
-        updates: int,
-        seed: int,
-    ) -> None:
-        self.trainer, self.lattice, self.updates = trainer, lattice, updates
-        self.capacity, self.generations, self.seed = population, generations, seed
+    trainer: Trainer
+    lattice: eldir.Lattice
+    capacity: int
+    generations: int
+    updates: int
+    seed: int
 
     def random(self, generation: int, rng: np.random.Generator) -> list[Walker]:
         drawn = random_genotypes(self.lattice, self.capacity, rng)

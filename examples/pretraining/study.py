@@ -13,7 +13,7 @@ import argparse
 import json
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +33,8 @@ RATE, FINE_TUNING_RATE = 0.02, 0.005  # of Adam, for each weight
 class Size:
     """How large the study is. Populations are such that all ways take about as long."""
 
-    lattice: eldir.Lattice = field(default_factory=lambda: eldir.Lattice(6, 11))
+    rows: int = 6
+    columns: int = 11
     updates: int = 150
     batch: int = 128
     unseen: int = 200
@@ -44,8 +45,12 @@ class Size:
     tuned: int = 96
     updates_each: int = 5
 
+    @property
+    def lattice(self) -> eldir.Lattice:
+        return eldir.Lattice(self.rows, self.columns)
 
-SMALL = Size(eldir.Lattice(3, 5), 4, 8, 6, 3, 2, 4, 8, 4, 1)
+
+SMALL = Size(3, 5, 4, 8, 6, 3, 2, 4, 8, 4, 1)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -57,24 +62,30 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2, 3])
     parser.add_argument("--small", action="store_true", help="sizes that show nothing but that it runs")
     given = parser.parse_args(arguments)
+    if min(given.seeds) < 0:
+        parser.error(f"invalid seed: expected whole numbers from 0, got {min(given.seeds)}")
+    if given.out.exists() and not given.out.is_dir():
+        parser.error(f"invalid --out: expected a folder, got the file {given.out}")
     given.out.mkdir(parents=True, exist_ok=True)
     size = SMALL if given.small else Size()
     _load_kernels(size)
     for seed in given.seeds:
         file = given.out / f"seed-{seed}.json"
         if not file.exists():
-            file.write_text(json.dumps(_study(size, seed, given.out), indent=1) + "\n")
-        _print(seed, json.loads(file.read_text()))
+            file.write_text(
+                json.dumps({"size": asdict(size), **_study(size, seed, given.out)}, indent=1) + "\n"
+            )
+        found = json.loads(file.read_text())
+        if found["size"] != asdict(size):
+            parser.error(f"{file} is of a study of another size: take another folder")
+        _print(seed, found)
 
 
 def _study(size: Size, seed: int, out: Path) -> dict[str, Any]:
     began = time.process_time()
-    trainer, curve = Trainer(UniversalController.random(np.random.default_rng([seed, 0])), RATE), []
-    untrained = trainer.controller
-    pretrain(
-        trainer, size.lattice, size.updates, size.batch, np.random.default_rng([seed, 1]),
-        lambda k, walk: curve.append(walk),
-    )  # fmt: skip
+    untrained = UniversalController.random(np.random.default_rng([seed, 0]))
+    trainer, rng = Trainer(untrained, RATE), np.random.default_rng([seed, 1])
+    curve = pretrain(trainer, size.lattice, size.updates, size.batch, rng)
     seconds = time.process_time() - began
     save(trainer.controller, out / f"controller-{seed}.npz")
     return {

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
 
@@ -47,18 +47,16 @@ class Trainer:
 
 
 def pretrain(
-    trainer: Trainer,
-    lattice: eldir.Lattice,
-    updates: int,
-    bodies: int,
-    rng: np.random.Generator,
-    report: Callable[[int, float], None] = lambda update, walk: None,
-) -> None:
-    """Train with new random bodies in every update. The rate rises for ten updates, and falls to zero."""
+    trainer: Trainer, lattice: eldir.Lattice, updates: int, bodies: int, rng: np.random.Generator
+) -> list[float]:
+    """Train with new random bodies in every update; returns their mean walk before each [m]. The rate rises
+    for ten updates, and falls to zero."""
+    walked = []
     for k in range(updates):
         factor = min(1.0, (k + 1) / 10) * (1 + np.cos(np.pi * k / updates)) / 2
         losses = trainer.update(random_bodies(lattice, bodies, rng), factor)
-        report(k, -float(losses[np.isfinite(losses)].mean()))
+        walked.append(-float(losses[np.isfinite(losses)].mean()))
+    return walked
 
 
 def walks(controller: UniversalController, bodies: Sequence[eldir.Morphology]) -> np.ndarray:
