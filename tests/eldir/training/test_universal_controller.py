@@ -133,6 +133,7 @@ def test_front_and_rear_are_exchanged_in_a_mirror_image(example, shared) -> None
             )
 
 
+@pytest.mark.slow
 def test_the_gradient_of_the_shared_weights_agrees_with_finite_differences(shared) -> None:
     """In float64, summed over bodies of different sizes, along random directions within each array."""
     scene = eldir.Scene.preset("paper").replace(steps=60, precision="f64")
@@ -156,6 +157,7 @@ def test_the_gradient_of_the_shared_weights_agrees_with_finite_differences(share
     assert first == len(gradient)
 
 
+@pytest.mark.slow
 def test_training_lowers_the_loss_of_its_bodies(example, shared) -> None:
     bodies = _bodies(8)
     trainer = example["training"].Trainer(shared, 0.02)
@@ -179,6 +181,7 @@ def test_only_fine_tuning_changes_the_controller(example, shared, updates: int) 
     np.testing.assert_allclose([walker.fitness for walker in last], walked, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_the_study_runs_and_goes_on_with_missing_seeds(
     example, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
