@@ -37,13 +37,15 @@ def recorded(tmp_path_factory):
     with Graph(folder) as graph:
         graph.node.create_subscription(RangeOfMotion, "range_of_motion", ranges.append, LATCHED)
         command = ["ros2", "bag", "record", "--storage", "mcap", "--output", str(folder / "bag"), "--all"]
-        bag = subprocess.Popen(command, env=graph.environment)
-        graph.ready()
-        wait_until(lambda: list((folder / "bag").glob("*.mcap")), 30)
-        assert graph.result(graph.send(SLOW), 120).outcome == runs.FINISHED
-        wait_until(lambda: "wrote" in graph.said("mcap_recorder") and ranges, 40)
-        bag.send_signal(signal.SIGINT)
-        assert bag.wait(30) == 0
+        with subprocess.Popen(command, env=graph.environment) as bag:
+            try:
+                graph.ready()
+                wait_until(lambda: list((folder / "bag").glob("*.mcap")), 30)
+                assert graph.result(graph.send(SLOW), 120).outcome == runs.FINISHED
+                wait_until(lambda: "wrote" in graph.said("mcap_recorder") and ranges, 40)
+            finally:  # it outlives no test, also none that failed
+                bag.send_signal(signal.SIGINT)
+            assert bag.wait(30) == 0
     (log,), (other,) = folder.glob("run-*/log.mcap"), (folder / "bag").glob("*.mcap")
     return log, other, ranges
 
