@@ -91,6 +91,7 @@ def test_shortlist_packet_and_coupon_have_the_defaults_of_what_they_call():
         "without_motor": variant.without_motor,
         "ballast": variant.ballast,
         "in_series": default_of(write_packet, "in_series"),
+        "prices": default_of(write_packet, "prices"),
         "marker": DEFAULT_KIND,
     }
     assert options(coupon) == shared

@@ -7,6 +7,8 @@
 ros2 launch eldir_ros virtual_rig.launch.py [folder:=demo] [logs:=DIR] [composed:=true] [run:=false]
 """
 
+import atexit
+import shutil
 import tempfile
 from pathlib import Path
 
@@ -20,7 +22,8 @@ from launch import LaunchDescription
 
 def generate_launch_description():
     folder = LaunchConfiguration("folder")
-    port = str(Path(tempfile.mkdtemp(prefix="eldir-")) / "board")
+    port = str(Path(own_folder := tempfile.mkdtemp(prefix="eldir-")) / "board")
+    atexit.register(shutil.rmtree, own_folder, ignore_errors=True)  # also where arguments are only shown
     arguments = launching.arguments(
         (
             "folder",

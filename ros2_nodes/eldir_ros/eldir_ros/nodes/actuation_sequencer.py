@@ -43,6 +43,8 @@ class ActuationSequencerNode(RigNode):
         self._rig: Rig | None = None
         self._goals: dict[bytes, _GoalLink] = {}
         """Goals that were accepted and have not ended."""
+        self._early_cancels: set[bytes] = set()
+        """Accepted goals whose cancellation came before `_start_goal`: rclpy answers the client first."""
         self._playing_lock, self._goals_lock = threading.Lock(), threading.Lock()
         self._client_heartbeats = Heartbeats(CLIENT_TIMEOUT)
         self.commands = self.advertise(HeatCommand, "relay_board/commands", COMPLETE)
@@ -91,8 +93,12 @@ class ActuationSequencerNode(RigNode):
     def _interrupt(self, outcome: int, why: str) -> None:
         """End every goal."""
         with self._goals_lock:
-            for link in self._goals.values():
-                link.bank.interrupt(outcome, why)
+            self._interrupt_all(outcome, why)
+
+    def _interrupt_all(self, outcome: int, why: str) -> None:
+        """End every goal; the caller holds their lock."""
+        for link in self._goals.values():
+            link.bank.interrupt(outcome, why)
 
     def _on_states(self, message: BoardState) -> None:
         state = board.state_from(message)
@@ -105,19 +111,25 @@ class ActuationSequencerNode(RigNode):
             return GoalResponse.REJECT if len(self._goals) >= _MAX_GOALS else GoalResponse.ACCEPT
 
     def _start_goal(self, goal: ServerGoalHandle) -> None:
-        self._interrupt(runs.PREEMPTED, "another schedule was sent")
-        client = goal.request.client
+        name, client = bytes(goal.goal_id.uuid), goal.request.client
         # The goal itself counts as a heartbeat.
         self._client_heartbeats.update(client, ACTIVE, time.monotonic())
-        with self._goals_lock:
-            self._goals[bytes(goal.goal_id.uuid)] = _GoalLink(self, goal, lambda: self._missing(client))
+        link = _GoalLink(self, goal, lambda: self._missing(client))
+        with self._goals_lock:  # one step: of two goals at the same time the later one ends the earlier one
+            self._interrupt_all(runs.PREEMPTED, "another schedule was sent")
+            self._goals[name] = link
+            if name in self._early_cancels:
+                self._early_cancels.remove(name)
+                link.bank.interrupt(runs.CANCELLED, "cancelled")
         goal.execute()
 
     def _cancel(self, goal: ServerGoalHandle) -> CancelResponse:
+        name = bytes(goal.goal_id.uuid)
         with self._goals_lock:
-            link = self._goals.get(bytes(goal.goal_id.uuid))
-            if link is not None:
-                link.bank.interrupt(runs.CANCELLED, "cancelled")
+            if name in self._goals:
+                self._goals[name].bank.interrupt(runs.CANCELLED, "cancelled")
+            else:
+                self._early_cancels.add(name)
         return CancelResponse.ACCEPT
 
     def _execute(self, goal: ServerGoalHandle) -> RunSchedule.Result:
