@@ -14,23 +14,20 @@ import json
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from benchmarks.adaptation_comparison import compare
-from benchmarks.hidden_robot import hidden_rig
+from benchmarks.hidden_robot import HiddenRig
 from eldir.built.robot import build
 from eldir.built.screening import candidate_gaits
 from eldir.core.files import write_text
-from eldir.design import Design
 from eldir_calibration.adaptation.loop import adapt
 from eldir_calibration.adaptation.runs import AdaptationConfig
 from eldir_hardware.planning.compiler import compile_schedule
 from eldir_hardware.planning.plan import heating_limits
-from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.template import CURRENT_LIMIT_A
 from eldir_hardware.run.drive import DriveConfig, drive_rig
 from eldir_hardware.safety.compatibility import with_digests
@@ -66,40 +63,20 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 @dataclass(frozen=True)
-class Bench:
-    """A design on a hidden rig."""
-
-    design_file: Path
-    seed: int
-    folder: Path
-    current: float
-
-    @cached_property
-    def design(self) -> Design:
-        """The robot."""
-        return Design.load(self.design_file)
-
-    @property
-    def rig_file(self) -> Path:
-        """The rig file, which `rig` writes."""
-        return self.folder / "rig.yaml"
-
-    @cached_property
-    def rig(self) -> Rig:
-        """The rig, with narrower tolerances if it has another current than the template's."""
-        return hidden_rig(self.design_file, self.seed, self.folder, self.current)
+class Bench(HiddenRig):
+    """An adaptation on a hidden rig, and what the robot truly walks there."""
 
     def row(self, runs: int, exhaustive: bool) -> dict[str, Any]:
         """An adaptation, and the walks of its last schedule and of all phases."""
         begin, out = time.process_time(), self.folder / "adapted"
-        found = adapt(self.design_file, self.rig, out, self._drive, AdaptationConfig(runs=runs))
+        found = adapt(self.design_file, self.rig, out, self.drive, AdaptationConfig(runs=runs))
         used = time.process_time() - begin
         last = self.true_walk(ActuationSchedule.load(out / "schedule.json"))
         walks = self._all_phases() if exhaustive else []
         return {
             "design": str(self.design_file),
             "seed": self.seed,
-            "current_a": self.current,
+            "current_a": self.current_a,
             **found.to_json(),
             "last": last,
             "best_of_all_phases": max([last, *walks]) if walks else None,
@@ -119,9 +96,6 @@ class Bench:
         x = np.array([frame.positions for frame in frames])[:, self.design.marks, 0].mean(axis=1)
         moved = np.interp(schedule.duration, t, x) - np.interp(schedule.start_of_cycles, t, x)
         return float(moved / build(self.design.morphology).body_length * 5 / schedule.cycles)
-
-    def _drive(self, schedule: ActuationSchedule, log: Path) -> None:
-        drive_rig(schedule, self.rig, self.rig_file, log, DriveConfig(self.design_file))
 
     def _all_phases(self) -> list[float]:
         allowed = heating_limits(self.rig).allowed

@@ -31,9 +31,9 @@ from eldir.core.records import FloatArray
 from eldir_calibration.adaptation.choice import expected_improvement
 from eldir_calibration.adaptation.loop import adapt
 from eldir_calibration.adaptation.runs import Adaptation, AdaptationConfig, AdaptationRun
+from eldir_calibration.dynamics.configuration import DEFAULT_CONFIG
 from eldir_hardware.planning.compiler import extract_gait
 from eldir_hardware.planning.plan import heating_limits
-from eldir_hardware.run.drive import DriveConfig, drive_rig
 from eldir_hardware.schedule import ActuationSchedule
 
 TIMES = ((30.0, 6.0), (30.0, 5.1), (40.0, 6.0), (25.0, 3.8))
@@ -45,7 +45,6 @@ FILMED_CYCLES = 3
 """Counted cycles of a filmed run: `eldir adapt` films five, which takes half as long again."""
 _SAMPLES = 8  # of the kit's robots, as in the search of a gait
 _AMPLITUDE, _LENGTH, _NOISE = 0.5, 1.0, 0.02  # of the Gaussian process: body lengths, features, body lengths
-_LEVEL = 1.96  # standard deviations: 95 %
 Play = Callable[[Gait], float]
 
 
@@ -104,11 +103,8 @@ def _compare_on_rig(
 
 
 def _adapt(place: Search, runs: int) -> Adaptation:
-    def drive(schedule: ActuationSchedule, log: Path) -> None:
-        drive_rig(schedule, place.rig, place.folder / "rig.yaml", log, DriveConfig(place.design_file))
-
     config = AdaptationConfig(runs=runs, cycles=FILMED_CYCLES, min_gain=0.0)
-    return adapt(place.design_file, place.rig, place.folder / "adapted", drive, config)
+    return adapt(place.design_file, place.rig, place.folder / "adapted", place.drive, config)
 
 
 def _default_end(folder: Path, adapted: Adaptation) -> int:
@@ -116,7 +112,8 @@ def _default_end(folder: Path, adapted: Adaptation) -> int:
     for number, run in enumerate(adapted.runs[1:], start=1):
         text = ActuationSchedule.load(folder / run.schedule).predicted.choice or ""
         gain = re.search(r": ([\d.]+) body lengths", text)
-        if gain is not None and float(gain[1]) < AdaptationConfig().min_gain:
+        assert gain is not None, text
+        if float(gain[1]) < AdaptationConfig().min_gain:
             return number
     return len(adapted.runs)
 
@@ -175,7 +172,7 @@ def describe_coverage(rows: Sequence[dict[str, Any]]) -> str:
     runs = [AdaptationRun.from_json(run) for row in rows for run in row["runs"][2:]]
     known = [run for run in runs if run.predicted is not None and run.deviation is not None]
     within = sum(
-        abs((run.filmed if run.upright else 0.0) - run.predicted) <= _LEVEL * run.deviation
+        abs((run.filmed if run.upright else 0.0) - run.predicted) <= DEFAULT_CONFIG.interval * run.deviation
         for run in known
         if run.predicted is not None and run.deviation is not None
     )

@@ -19,11 +19,10 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.hidden_robot import HiddenRobot, Rows, hidden_rig
+from benchmarks.hidden_robot import HiddenRig, HiddenRobot, Rows
 from eldir.built.gait import Gait
 from eldir.built.gait_search import find_gait
 from eldir.built.screening import PHASES
-from eldir.design import Design
 from eldir_calibration.adaptation.runs import AdaptationConfig
 from eldir_hardware.planning.plan import heating_limits
 from eldir_hardware.rig.configuration import Rig
@@ -70,22 +69,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 @dataclass(frozen=True)
-class Search:
+class Search(HiddenRig):
     """The gaits of a robot on a hidden rig."""
-
-    design_file: Path
-    seed: int
-    folder: Path
-
-    @cached_property
-    def design(self) -> Design:
-        """The robot."""
-        return Design.load(self.design_file)
-
-    @cached_property
-    def rig(self) -> Rig:
-        """The rig."""
-        return hidden_rig(self.design_file, self.seed, self.folder)
 
     @cached_property
     def robot(self) -> HiddenRobot:

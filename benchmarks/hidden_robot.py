@@ -26,6 +26,8 @@ from eldir_cad.multibody.model import Multibody
 from eldir_calibration.transfer.mujoco_walks import measure_walk
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.template import CURRENT_LIMIT_A, virtual_rig
+from eldir_hardware.run.drive import DriveConfig, drive_rig
+from eldir_hardware.schedule import ActuationSchedule
 from eldir_hardware.virtual.bodies import sample_large_spread
 from eldir_hardware.virtual.mujoco_body import sample_multibody
 
@@ -104,19 +106,43 @@ class HiddenRobot:
         return simulate_most_probable(robots, gaits, cycles=cycles, coarse=True)
 
 
-def hidden_rig(design_file: Path, seed: int, folder: Path, current_a: float = CURRENT_LIMIT_A) -> Rig:
-    """The rig of a seed, which is written to `folder`/rig.yaml; with narrower tolerances if it has another
-    current than the template's."""
-    folder.mkdir(parents=True, exist_ok=True)
-    text = virtual_rig(seed, str(design_file), physics="mujoco")
-    text = text.replace(f"  seed: {seed}\n", f"  seed: {seed}\n  parameter_spread: large\n")
-    write_text(folder / "rig.yaml", text)
-    rig = Rig.load(folder / "rig.yaml")
-    if current_a == CURRENT_LIMIT_A:
-        return rig
-    supply = rig.supply.model_copy(update={"current_limit_a": current_a})
-    tolerances = rig.tolerances.model_copy(update=_MEASURED)
-    return rig.model_copy(update={"supply": supply, "tolerances": tolerances})
+@dataclass(frozen=True)
+class HiddenRig:
+    """A design on the virtual rig of a seed."""
+
+    design_file: Path
+    seed: int
+    folder: Path
+    """Folder of the rig file and of everything that is driven."""
+    current_a: float = CURRENT_LIMIT_A
+
+    @cached_property
+    def design(self) -> Design:
+        """The robot."""
+        return Design.load(self.design_file)
+
+    @cached_property
+    def rig_file(self) -> Path:
+        """The rig file, written at the first call."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+        text = virtual_rig(self.seed, str(self.design_file), physics="mujoco")
+        seed = f"  seed: {self.seed}\n"
+        write_text(self.folder / "rig.yaml", text.replace(seed, f"{seed}  parameter_spread: large\n"))
+        return self.folder / "rig.yaml"
+
+    @cached_property
+    def rig(self) -> Rig:
+        """The rig, with narrower tolerances if it has another current than the template's."""
+        rig = Rig.load(self.rig_file)
+        if self.current_a == CURRENT_LIMIT_A:
+            return rig
+        supply = rig.supply.model_copy(update={"current_limit_a": self.current_a})
+        tolerances = rig.tolerances.model_copy(update=_MEASURED)
+        return rig.model_copy(update={"supply": supply, "tolerances": tolerances})
+
+    def drive(self, schedule: ActuationSchedule, log: Path) -> None:
+        """Play a schedule and film it."""
+        drive_rig(schedule, self.rig, self.rig_file, log, DriveConfig(self.design_file))
 
 
 class Rows:

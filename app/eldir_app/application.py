@@ -60,9 +60,7 @@ class _Commands(TyperGroup):
 
 def _name_type_of_elements(parameter: Any) -> None:
     """Of an option that may be repeated, help shows the type of one value: <path>, not <list[Path]>."""
-    display_type = getattr(parameter, "display_type", None)
-    if display_type is None:  # Typer before 0.29 has click's own types, which name one value
-        return
+    display_type = parameter.display_type
     parameter.display_type = lambda context: re.sub(
         r"list\[(\w+)\]", lambda found: found[1].lower(), display_type(context)
     )

@@ -26,7 +26,7 @@ def packet(
     in_series: InSeries = False,
     prices: Annotated[
         Path | None,
-        typer.Option(help="YAML file with your prices: bom.csv and kit.pdf then say what all costs."),
+        typer.Option(help="YAML file with your prices: bom.csv and kit.pdf then have the cost."),
     ] = None,
     marker: Annotated[
         str, typer.Option(help="Kind of the markers on m1 to m5: discs, aruco, apriltag.")
@@ -58,7 +58,7 @@ def packet(
     except InputError as error:
         raise typer.BadParameter(str(error), param_hint="--ballast") from None
     variant, specification = Variant(without_motor, mass), load_specification(parts)
-    paid = None if prices is None else load_prices(prices)
+    price_list = None if prices is None else load_prices(prices)
     require_kind(marker)
     console = Console(stderr=True)
     with console.status("computing parts and plates"):
@@ -71,7 +71,7 @@ def packet(
             printing,
             variant,
             in_series=in_series,
-            prices=paid,
+            prices=price_list,
             more_files=sheets,
         )
     for violation in written.report.violations:

@@ -45,6 +45,11 @@ class Prices(Section):
     items: dict[ItemName, Price] = Field(default_factory=dict)
     """Price of a piece, of wire of a metre, by the name of bom.csv. What is not named has no known price."""
 
+    def cost_of(self, name: ItemName, count: int) -> float | None:
+        """Price of so many pieces or metres; None if it is not known."""
+        each = self.items.get(name)
+        return None if each is None else count * each
+
 
 def load_prices(path: Path) -> Prices:
     """Read a file with prices. Raises `InputError` that names the invalid entry."""

@@ -73,18 +73,16 @@ def _row(item: Item, prices: Prices | None) -> tuple[str, ...]:
     row = (item.name.replace("_", " "), item.purpose, f"{item.count} {item.unit}".strip())
     if prices is None:
         return row
-    each = prices.items.get(item.name)
-    return *row, "not known" if each is None else f"{item.count * each:.2f} {prices.currency}"
+    cost = prices.cost_of(item.name, item.count)
+    return *row, "not known" if cost is None else f"{cost:.2f} {prices.currency}"
 
 
 def _describe_cost(c: Content, cost: Cost, prices: Prices) -> list[str]:
-    lines = [f"Robot with its resin: {cost.describe(cost.robot)}."]
+    resin = ""
     if prices.resin_kg is not None:
-        paid = 1e-3 * resin_to_have(c) * prices.resin_kg
-        lines[0] = (
-            f"{lines[0][:-1]}, of which {paid:.2f} {cost.currency} for {resin_to_have(c):.1f} g of resin."
-        )
-    lines.append(f"Bench, once: {cost.describe(cost.bench)}.")
+        grams = resin_to_have(c)
+        resin = f", of which {1e-3 * grams * prices.resin_kg:.2f} {cost.currency} for {grams:.1f} g of resin"
+    lines = [f"Robot: {cost.describe(cost.robot)}{resin}.", f"Bench, once: {cost.describe(cost.bench)}."]
     if cost.unknown:
         names = ", ".join(name.replace("_", " ") for name in cost.unknown)
         lines.append(f"Without a price, and not in these sums: {names}.")

@@ -26,33 +26,32 @@ def lead_lengths(leads: Sequence[Lead]) -> dict[int, int]:
 def bill_of_materials(c: Content, bought: Sequence[Item], prices: Prices | None = None) -> str:
     """Printed parts, then what is bought for robot and bench, as CSV; with `prices` what each row costs."""
     density = c.printer.material.density * 1e-3  # g/mm3
+    of_resin = None if prices is None else prices.resin_kg
     rows: list[list[object]] = []
+    costs: list[float | None] = []
+
+    def add_printed(name: str, purpose: str, count: int, volume: float, *where: object) -> None:
+        weight = volume * density
+        rows.append([name, purpose, count, f"{volume:.1f}", f"{weight:.3f}", *where])
+        costs.append(None if of_resin is None else 1e-3 * count * weight * of_resin)
+
     for name, count in c.assembly.counts.items():
-        part = c.assembly.parts[name]
-        size = [f"{part.volume:.1f}", f"{part.volume * density:.3f}"]
-        printing = [part.pose, c.inspections[name].supports]
-        rows.append([name, part.purpose, count, *size, f"{name}.stl", *printing])
+        part, supports = c.assembly.parts[name], c.inspections[name].supports
+        add_printed(name, part.purpose, count, part.volume, f"{name}.stl", part.pose, supports)
     for piece in () if c.ground is None else c.ground.pieces:
         part = piece.part
-        size = [f"{part.volume:.1f}", f"{part.volume * density:.3f}"]
-        rows.append([part.name, part.purpose, 1, *size, f"{part.name}.stl", part.pose, "none"])
+        add_printed(part.name, part.purpose, 1, part.volume, f"{part.name}.stl", part.pose, "none")
     if c.printer.extra_resin is not None:
-        volume = total_volume(c) * c.printer.extra_resin
-        size = [f"{volume:.1f}", f"{volume * density:.3f}"]
-        rows.append(["extra_resin", "of supports; stays in the vat and on the parts", 1, *size, "", "", ""])
-    printed = len(rows)
+        extra = total_volume(c) * c.printer.extra_resin
+        add_printed("extra_resin", "supports; resin in the vat and on parts", 1, extra, "", "", "")
     for item in bought:
         purpose = item.purpose + (f"; count in {item.unit}" if item.unit else "")
         rows.append([item.name, purpose, item.count, "", "", "", "", ""])
+        costs.append(None if prices is None else prices.cost_of(item.name, item.count))
     header = ["part", "purpose", "count", "volume_mm3", "weight_g", "file", "printed", "supports"]
     if prices is not None:
         header.append(f"price_{prices.currency}")
-        for row in rows[:printed]:
-            weight = float(str(row[4])) * int(str(row[2]))
-            row.append("" if prices.resin_kg is None else f"{1e-3 * weight * prices.resin_kg:.2f}")
-        for row, item in zip(rows[printed:], bought, strict=True):
-            each = prices.items.get(item.name)
-            row.append("" if each is None else f"{item.count * each:.2f}")
+        rows = [[*row, "" if cost is None else f"{cost:.2f}"] for row, cost in zip(rows, costs, strict=True)]
     return csv_text(header, rows)
 
 

@@ -55,4 +55,4 @@ def total_cost(c: Content, for_robot: Sequence[Item], for_bench: Sequence[Item],
 
 
 def _sum(items: Sequence[Item], prices: Prices) -> float:
-    return sum(item.count * prices.items.get(item.name, 0.0) for item in items)
+    return sum(prices.cost_of(item.name, item.count) or 0.0 for item in items)

@@ -1,8 +1,6 @@
 """What identifies a board, and where it is now."""
 
 import os
-import pty
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -14,18 +12,9 @@ from eldir_hardware.rig.board_identity import (
     is_gone_pseudo_terminal,
     is_pseudo_terminal,
 )
+from tests.hardware.rig.pseudo_terminal import terminal
 
 PORT = "/dev/null"
-
-
-@contextmanager
-def terminal():
-    host, guest = pty.openpty()
-    try:
-        yield host, os.ttyname(guest)
-    finally:
-        os.close(host)
-        os.close(guest)
 
 
 def test_the_places_where_the_kernel_describes_boards():

@@ -3,27 +3,16 @@
 import errno
 import fcntl
 import os
-import pty
 import termios
 import time
-from contextlib import contextmanager
 
 import pytest
 
 from eldir_hardware._serial_output import BlockedOutputError
 from eldir_hardware.safety.off_frames import UnlockedPort
+from tests.hardware.rig.pseudo_terminal import terminal
 
 PORT = "/dev/null"
-
-
-@contextmanager
-def terminal():
-    host, guest = pty.openpty()
-    try:
-        yield host, os.ttyname(guest)
-    finally:
-        os.close(host)
-        os.close(guest)
 
 
 def mode_of(port: str) -> list:
