@@ -36,7 +36,7 @@ _MAX_DIFFERENCE = 0.02  # between the current limits of a motor's outputs, docs/
 _JOINT = 10e-3  # resistance of a good crimp [Ohm]
 _FREE_WIRE = 5.0  # between spring end and ferrule [mm]
 _LIST = ((0.08, 22), (0.26, 84), (0.88, 8))
-_PRICED_LIST = ((0.08, 22), (0.26, 72), (0.77, 8), (0.84, 14))
+_PRICED_LIST = ((0.08, 22), (0.26, 68), (0.77, 8), (0.84, 14))
 _CHECKS = ((0.08, 26), (0.28, 56), (0.68, 38))
 _RECORD = ((0.08, 10), (0.16, 14), (0.28, 12), (0.41, 12), (0.54, 12), (0.67, 12), (0.80, 12))
 
