@@ -6,6 +6,7 @@ springs; the springs' lengths move a body. Its parameters deviate from the nomin
 
 from __future__ import annotations
 
+import logging
 import math
 import threading
 from collections.abc import Callable, Sequence
@@ -27,6 +28,10 @@ from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.devices import connect_sensor, get_driver, get_emulator
 from eldir_hardware.thermometer import ERROR_K, STEP_K
 from eldir_hardware.virtual.springs import STEP, ThermalSprings
+
+_logger = logging.getLogger(__name__)
+_MAX_DELAY = 1.0
+"""A simulation that is later than this on the wall's clock is too slow for it [s]."""
 
 
 class BodyFrame(NamedTuple):
@@ -207,12 +212,19 @@ class VirtualRig:
         clock.call_at(self.start + number / rate, deliver)
 
     def _run_frames(self, rate: float, on_frame: Callable[[BodyFrame], None]) -> None:
-        number = 0
+        number, warned = 0, False
         try:
             while not self._closed.is_set():
                 t = self.start + number / rate
                 self.clock.sleep_until(t)
                 on_frame(self.frame(t))
+                if not warned and (delay := self.clock.now() - t) > _MAX_DELAY:
+                    _logger.warning(
+                        "the robot's simulation is %.1f s behind the clock: pictures come late and are few. "
+                        "Take a robot with fewer masses, or virtual.dimensions: 2",
+                        delay,
+                    )
+                    warned = True
                 number = max(number + 1, math.ceil((self.clock.now() - self.start) * rate))  # missed ones
         except Exception as error:  # raised by `stop_watching`
             self._failure = error

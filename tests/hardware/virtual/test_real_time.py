@@ -1,5 +1,8 @@
-"""The virtual rig in real time: a busy computer holds up the emulated board, which must not look dead."""
+"""The virtual rig in real time: a busy computer holds up the emulated board, which must not look dead, and a
+simulation that is slower than the clock is told."""
 
+import logging
+import threading
 import time
 
 import pytest
@@ -40,3 +43,28 @@ def test_only_an_emulated_board_may_answer_late(tmp_path):
         real = Rig.load(rig_file(tmp_path / "rig.yaml", "lcus", virtual.emulator.port))
         with pytest.raises(EldirError, match="did not answer"), Guardian(real) as bank:
             watch(bank, virtual.emulator)
+
+
+class Slow(Piston):
+    """A body whose simulation takes longer than what it simulates."""
+
+    def move(self, lengths, interval):
+        super().move(lengths, interval)
+        time.sleep(1.2)
+
+
+@pytest.mark.parametrize("body", [Slow, Piston])
+def test_a_simulation_that_is_slower_than_the_clock_is_told_once(body, caplog):
+    frames, second = [], threading.Event()
+
+    def on_frame(frame):
+        frames.append(frame)
+        if len(frames) > 1:
+            second.set()
+
+    with caplog.at_level(logging.WARNING), VirtualRig(rig_with(virtual={"clock": "wall"}), body()) as virtual:
+        virtual.start = virtual.clock.now()
+        virtual.watch(10.0, on_frame)
+        assert second.wait(60)
+        virtual.stop_watching()
+    assert ["behind the clock" in r.getMessage() for r in caplog.records] == [True] * (body is Slow)
