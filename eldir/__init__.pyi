@@ -11,6 +11,7 @@ from .learning import learn as learn
 from .morphology import Morphology as Morphology
 from .morphology import develop as develop
 from .rollout import loss_and_gradient as loss_and_gradient
+from .rollout import losses as losses
 from .rollout import simulate as simulate
 from .rollout import simulate_one as simulate_one
 from .scene import Scene as Scene

@@ -1,4 +1,4 @@
-"""Simulation of robots, and the gradient of the loss with respect to their controllers."""
+"""Simulation of robots, their losses, and the gradient of the loss with respect to their controllers."""
 
 from __future__ import annotations
 
@@ -148,6 +148,31 @@ def scene_step(diverged: int, parts: int) -> int:
 def _refused_rollout(body: Morphology, scene: Scene) -> Rollout:
     states = np.full((scene.steps + 1, len(body.positions), 2), np.nan)
     return Rollout(states, states, np.full((scene.steps, body.motors), np.nan), np.inf, REFUSED)
+
+
+def losses(
+    morphologies: Sequence[Morphology],
+    controllers: Sequence[Controller],
+    scene: Scene,
+    physics: Sequence[Physics] | None = None,
+) -> FloatArray:
+    """Loss of every robot, minus its mean forward displacement [m], shape (n,); infinite where it diverged or
+    was refused. Nothing is recorded or differentiated: this is the fastest way to know how far robots walk.
+
+    Raises `EldirError` if the step is too large for all robots.
+    """
+    from eldir.engine import batch
+
+    scene.require_controller()
+    check_controllers(morphologies, controllers)
+    owns = resolve_physics(morphologies, scene, physics)
+    first, which = distinct(morphologies, controllers, owns)
+    bodies, brains, own = select_from(first, morphologies, controllers, owns)
+    found = np.full(len(first), np.inf)
+    for parts, chosen in group_by_substeps(bodies, scene, own):
+        part = select_from(chosen, bodies, brains, own)
+        found[chosen] = batch.run_batch(part[0], part[1], subdivide_steps(scene, parts), part[2]).losses[:, 0]
+    return found[which]
 
 
 def loss_and_gradient(

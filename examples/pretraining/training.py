@@ -10,7 +10,6 @@ import numpy as np
 from universal import UniversalController
 
 import eldir
-from eldir.engine.batch import run_batch
 from eldir.genotype import random_genotypes
 from eldir.morphology import develop_all
 
@@ -61,8 +60,7 @@ def pretrain(
 
 def walks(controller: UniversalController, bodies: Sequence[eldir.Morphology]) -> np.ndarray:
     """How far each body walks [m]; minus infinity if it diverged."""
-    controllers = [controller.controller(body) for body in bodies]
-    return -run_batch(bodies, controllers, SCENE).losses[:, 0]  # `simulate` would record all states
+    return -eldir.losses(bodies, [controller.controller(body) for body in bodies], SCENE)
 
 
 def random_bodies(lattice: eldir.Lattice, n: int, rng: np.random.Generator) -> list[eldir.Morphology]:

@@ -12,7 +12,8 @@ from eldir.genotype import Genotype, random_genotypes
 from eldir.lattice import Lattice
 from eldir.learning import learn
 from eldir.morphology import Morphology, develop
-from eldir.rollout import loss_and_gradient, simulate
+from eldir.physics import Physics
+from eldir.rollout import loss_and_gradient, losses, simulate
 from eldir.scene import Scene
 from eldir.terrain import Terrain
 from eldir.training.configuration import TrainingConfig
@@ -227,6 +228,20 @@ def test_neighbours_of_a_robot_that_blew_up_are_untouched() -> None:
     assert among[0][[0, 2]].tobytes() == alone[0].tobytes()
     for mine, other in zip([among[1][0], among[1][2]], alone[1], strict=True):
         assert all(getattr(mine, k).tobytes() == getattr(other, k).tobytes() for k in WEIGHTS)
+
+
+@pytest.mark.parametrize(("large_step", "refused"), [("refuse", True), ("subdivide", False)])
+def test_losses_alone_are_those_of_rollouts(large_step: str, refused: bool) -> None:
+    """Also of a robot that comes twice, and of one that is refused or whose steps are divided."""
+    scene = Scene.preset("paper").replace(steps=100, large_step=large_step)
+    bodies, brains = robots(SMALL, 3, 8, scene)
+    bodies, brains = [*bodies, bodies[0]], [*brains, brains[0]]
+    own = [Physics.of(body, scene) for body in bodies]
+    own[1] = own[1].replace(stiffness=4 * scene.stiffness)
+    expected = [rollout.loss for rollout in simulate(bodies, brains, scene, own)]
+    assert losses(bodies, brains, scene, own).tolist() == expected
+    assert expected[0] == expected[3] and np.isinf(expected).tolist() == [False, refused, False, False]
+    assert losses([], [], scene).shape == (0,)
 
 
 @pytest.mark.compiler
