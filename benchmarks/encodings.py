@@ -2,7 +2,7 @@
 
 For each seed the direct encoding evolves for all generations, and the networks for as much processor time as
 it took. The table has the last generation that each has completed by then: fitness, how much bodies differ,
-and their size. A call that is repeated goes on with the runs that are missing.
+and their size. A call that was interrupted goes on with the generations that are missing.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from eldir.benchmark.other_programs import watch_other_programs
-from eldir.core.files import read_json, write_text
+from eldir.core.files import write_text
 from eldir.defaults import MAX_GENERATIONS, Crossover, EncodingName
 from eldir.evolution.loop import run_generations
 from eldir.evolution.paper.configuration import EvolutionConfig
@@ -30,7 +30,6 @@ from eldir.learning import learn
 from eldir.morphology import develop_all
 
 WAYS: tuple[tuple[EncodingName, Crossover], ...] = (("direct", "none"), ("cppn", "none"), ("cppn", "neat"))
-_FORMAT = "eldir-encodings-benchmark/1"
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -70,25 +69,41 @@ def _config(
 
 
 def _evolve(folder: Path, config: EvolutionConfig, budget: float) -> list[dict[str, Any]]:
-    """Values of each generation. An interrupted run is made anew, because its time is not known."""
-    file = folder.with_suffix(".json")
-    if file.exists():
-        rows: list[dict[str, Any]] = read_json(file, _FORMAT, (_FORMAT,))["rows"]
-        return rows
-    shutil.rmtree(folder, ignore_errors=True)
-    run = RunFolder.create(folder, config)
+    """Values of each generation. A run that was interrupted goes on after its last complete generation."""
+    file = folder.with_suffix(".jsonl")
+    run, found = _open(folder, config, file)
     search = run.restore()
+    if search.finished or (found and found[-1]["seconds"] >= budget):
+        return found
     _load_kernels(search.ask().bodies[:1], config)  # type: ignore[attr-defined]
-    began, found = time.process_time(), list[dict[str, Any]]()
+    began = time.process_time() - (found[-1]["seconds"] if found else 0.0)
 
     def note(share: float) -> None:
         if search.generation > len(found):
             spent = time.process_time() - began
             found.append({"seconds": spent} | _values(config.lattice, search.archive.ranked()))
+            with file.open("a") as rows:
+                rows.write(json.dumps(found[-1]) + "\n")
 
     run_generations(run, search, LocalWorkers(), lambda: bool(found) and found[-1]["seconds"] >= budget, note)
-    write_text(file, json.dumps({"format": _FORMAT, "rows": found}, indent=2) + "\n")
     return found
+
+
+def _open(folder: Path, config: EvolutionConfig, file: Path) -> tuple[RunFolder, list[dict[str, Any]]]:
+    """The run folder, and the values of its complete generations. Robots of a generation that was interrupted
+    are evaluated again, because the time that they took is not known."""
+    if file.exists():
+        run = RunFolder.open(folder)
+        complete = run.restore().generation
+        lines = file.read_text().splitlines()[:complete]
+        if run.config == config and len(lines) == complete:
+            for part in run.parts(complete):
+                part.unlink()
+            write_text(file, "".join(line + "\n" for line in lines))
+            return run, [json.loads(line) for line in lines]
+    shutil.rmtree(folder, ignore_errors=True)
+    write_text(file, "")
+    return RunFolder.create(folder, config), []
 
 
 def _load_kernels(bodies: Sequence[Any], config: EvolutionConfig) -> None:
