@@ -31,7 +31,8 @@ from eldir_hardware.schedule import ActuationSchedule
 from eldir_hardware.virtual.bodies import sample_large_spread
 from eldir_hardware.virtual.mujoco_body import sample_multibody
 
-_MEASURED = {"current": 0.02, "ambient_min_c": 19.0, "ambient_max_c": 25.0}  # tolerances with another current
+_ASSUMED = "tolerances: {current: 0.05, ambient_min_c: 18, ambient_max_c: 30,"
+_MEASURED = "tolerances: {current: 0.02, ambient_min_c: 19, ambient_max_c: 25,"
 
 
 @dataclass(frozen=True)
@@ -46,9 +47,8 @@ class HiddenRobot:
 
     @cached_property
     def _far(self) -> RobotParameters:
-        return sample_large_spread(
-            RobotParameters(springs=self.rig.spring_parameters()), self.rig.virtual.seed
-        )
+        nominal, measured = RobotParameters(springs=self.rig.spring_parameters()), self.rig.tolerances
+        return sample_large_spread(nominal, self.rig.virtual.seed, measured=measured.measured_fields)
 
     @cached_property
     def springs(self) -> tuple[SpringParameters, ...]:
@@ -123,22 +123,24 @@ class HiddenRig:
 
     @cached_property
     def rig_file(self) -> Path:
-        """The rig file, written at the first call."""
+        """The rig file, written at the first call. Current and air are measured if the current is another one
+        than the template's."""
         self.folder.mkdir(parents=True, exist_ok=True)
         text = virtual_rig(self.seed, str(self.design_file), physics="mujoco")
         seed = f"  seed: {self.seed}\n"
-        write_text(self.folder / "rig.yaml", text.replace(seed, f"{seed}  parameter_spread: large\n"))
+        text = text.replace(seed, f"{seed}  parameter_spread: large\n")
+        if self.current_a != CURRENT_LIMIT_A:
+            text = text.replace(
+                f"current_limit_a: {CURRENT_LIMIT_A:g}", f"current_limit_a: {self.current_a:g}"
+            )
+            text = text.replace(_ASSUMED, _MEASURED)
+        write_text(self.folder / "rig.yaml", text)
         return self.folder / "rig.yaml"
 
     @cached_property
     def rig(self) -> Rig:
-        """The rig, with narrower tolerances if it has another current than the template's."""
-        rig = Rig.load(self.rig_file)
-        if self.current_a == CURRENT_LIMIT_A:
-            return rig
-        supply = rig.supply.model_copy(update={"current_limit_a": self.current_a})
-        tolerances = rig.tolerances.model_copy(update=_MEASURED)
-        return rig.model_copy(update={"supply": supply, "tolerances": tolerances})
+        """The rig."""
+        return Rig.load(self.rig_file)
 
     def drive(self, schedule: ActuationSchedule, log: Path) -> None:
         """Play a schedule and film it."""

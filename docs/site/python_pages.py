@@ -71,7 +71,7 @@ MODULES = [
     "eldir_calibration.adaptation.loop", "eldir_calibration.adaptation.choice",
     "eldir_calibration.adaptation.runs", "eldir_calibration.adaptation.films",
     "eldir_calibration.adaptation.faults", "eldir_calibration.adaptation.prior",
-    "eldir_calibration.adaptation.page",
+    "eldir_calibration.adaptation.heat", "eldir_calibration.adaptation.page",
     "eldir_calibration.dynamics.belief",
     "eldir_calibration.identification.identification", "eldir_calibration.identification.spring_record",
     "eldir_calibration.dynamics.configuration", "eldir_calibration.dynamics.recording",

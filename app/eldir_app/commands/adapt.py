@@ -10,7 +10,7 @@ import typer
 from eldir_app.options import DesignFile, RigFile
 
 if TYPE_CHECKING:
-    from eldir_calibration.adaptation.runs import AdaptationRun, SupplyAdvice
+    from eldir_calibration.adaptation.runs import AdaptationRun, SpringHeat, SupplyAdvice
     from eldir_hardware.rig.configuration import Rig
     from eldir_hardware.schedule import ActuationSchedule
 
@@ -84,6 +84,8 @@ def adapt(
     typer.echo(f"ended: {found.ended}")
     if not found.runs:
         return
+    if found.heat is not None:
+        typer.echo(_describe_heat(found.heat, rig))
     for fault in found.faults:
         typer.echo(f"run {fault.run}: {fault.text}; {fault.remedy}")
     typer.echo(f"wrote {out / 'adaptation.html'}")
@@ -153,6 +155,15 @@ def _describe(number: int, run: AdaptationRun) -> str:
     if run.misfit is not None and run.misfit > 1.0:
         line += "; the robot moves as no simulated one does: the belief is widened"
     return line
+
+
+def _describe_heat(heat: SpringHeat, rig: Rig) -> str:
+    """One line about the springs in the last run."""
+    low, high = heat.peak_interval
+    return (
+        f"the springs reach {heat.peak_c:.0f} C ({low:.0f} to {high:.0f}; limit "
+        f"{rig.limits.max_temperature_c:g} C) and use {heat.stroke_used:.0%} of their stroke"
+    )
 
 
 def _describe_advice(advice: SupplyAdvice, rig: Rig, filmed: float) -> str:

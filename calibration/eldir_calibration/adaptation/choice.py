@@ -4,17 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import ndtr
 
 from eldir.built.gait_search import GaitSearchResult, Stage, search_robust_gait, silent
-from eldir.built.samples import IdentifiedRobots, sample_walks, simulate_most_probable
+from eldir.built.samples import (
+    IdentifiedRobots,
+    SampledWalks,
+    sample_walks,
+    simulate_most_probable,
+    simulate_robots,
+)
 from eldir.built.scene import PrintedScene
 from eldir.design import Design
+from eldir.parameters.robot import RobotParameters
+from eldir.parameters.springs import SpringParameters
 from eldir_calibration.adaptation.films import FilmedWalk
-from eldir_calibration.adaptation.runs import AdaptationConfig, AdaptationRun, SupplyAdvice, best_run
+from eldir_calibration.adaptation.heat import keeps_limit
+from eldir_calibration.adaptation.runs import AdaptationConfig, AdaptationRun, SupplyAdvice
+from eldir_calibration.dynamics.belief import Belief
+from eldir_calibration.identification.identification import RobotFilms
 from eldir_hardware.planning.compiler import extract_gait
 from eldir_hardware.planning.plan import PlanConfig, heating_limits, plan, plan_gait
 from eldir_hardware.rig.configuration import Rig
@@ -95,34 +106,55 @@ def discrepancy(
 
 def at_current(robots: IdentifiedRobots, factor: float) -> IdentifiedRobots:
     """The same robots with a supply that is set to this multiple of its current limit."""
-    springs = robots.robot.springs
-    changed = replace(springs, current_limit=springs.current_limit * factor)
-    return replace(robots, robot=replace(robots.robot, springs=changed))
+    return replace(robots, robot=scale_current(robots.robot, factor))
+
+
+def scale_current(robot: RobotParameters, factor: float) -> RobotParameters:
+    """The same robot on a supply with this multiple of the current limit."""
+
+    def changed(springs: SpringParameters) -> SpringParameters:
+        return replace(springs, current_limit=springs.current_limit * factor)
+
+    return replace(robot, springs=changed(robot.springs), own_springs=tuple(map(changed, robot.own_springs)))
+
+
+class BestRun(NamedTuple):
+    """The run in which the robot walked farthest."""
+
+    schedule: ActuationSchedule
+    film: RobotFilms
 
 
 def advise_supply(
     design: Design,
     rig: Rig,
-    folder: Path,
-    runs: Sequence[AdaptationRun],
+    best: BestRun,
     films: Sequence[FilmedWalk],
     scene: PrintedScene,
+    belief: Belief,
     config: AdaptationConfig,
 ) -> tuple[SupplyAdvice, ...]:
-    """What the belief predicts for the best schedule with the current that narrower tolerances allow."""
-    best = best_run(runs)
-    assert best is not None
-    schedule = ActuationSchedule.load(folder / runs[best - 1].schedule)
-    gait = extract_gait(schedule)
+    """What the belief predicts for the best schedule with the current that narrower tolerances allow.
+
+    A current that is to be measured is then what the supply is set to; without that it is off as it was in
+    the films. One with which the believed springs might get too hot is not advised, whatever the rig file
+    says.
+    """
+    gait = extract_gait(best.schedule)
     assert gait is not None  # which was filmed
-    robots = IdentifiedRobots.of(design, scene)
-    own = rig.spring_parameters().current_limit
+    robots, own = IdentifiedRobots.of(design, scene), rig.spring_parameters().current_limit
+    samples, max_c = robots.samples(config.samples, config.seed), rig.limits.max_temperature_c
     (bias, error), found = discrepancy(design, scene, films, own), []
-    for other in rigs_with_narrower_tolerances(schedule, rig):
+    for other in rigs_with_narrower_tolerances(best.schedule, rig):
         limit, allowed = other.spring_parameters().current_limit, other.tolerances
-        (walks,) = sample_walks(
-            at_current(robots, limit / own), [gait], config.samples, config.seed, coarse=True
-        )
+        measures = allowed.current_is_measured and not rig.tolerances.current_is_measured
+        if not keeps_limit(belief, best.film, max_c, limit, allowed.current if measures else None):
+            continue
+        changed = [
+            scale_current(robot, limit / (robot.springs.current_limit if measures else own))
+            for robot in samples
+        ]
+        walks = SampledWalks(simulate_robots(robots, changed, [gait], coarse=True)[0])
         known = np.isfinite(walks.mean)
         found.append(
             SupplyAdvice(

@@ -11,11 +11,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from eldir.built.heat import HeatModel, SpringState, heat
+from eldir.built.heat import HeatModel
 from eldir.built.robot import build
 from eldir.core.records import FloatArray
-from eldir.parameters.robot import perturb_robot
 from eldir.parameters.springs import SpringParameters
+from eldir_calibration.adaptation.heat import believe_heat, find_safe_current, spring_strokes
 from eldir_calibration.adaptation.runs import Fault
 from eldir_calibration.dynamics.belief import Belief
 from eldir_calibration.dynamics.recording import INTERVAL, FilmedBody, Recording, find_fall
@@ -42,11 +42,13 @@ _CURRENTS = (0.9, 1.0, 1.1, 1.25)
 _GROUND = 1e-6  # heights of masses that stand on the ground at rest [m]
 
 
-def find_faults(number: int, film: RobotFilms, belief: Belief) -> tuple[Fault, ...]:
-    """Why the robot does not walk in run `number`: it fell, the supply gives less than it is set to, a motor
-    does nothing, a foot does not leave its place, or the springs stay too cold. Empty if the film shows none
-    of these. `belief`: after the film."""
+def find_faults(number: int, film: RobotFilms, belief: Belief, limit_c: float) -> tuple[Fault, ...]:
+    """Why the robot does not walk in run `number`, or must not go on: its springs get hotter than `limit_c`,
+    it fell, the supply gives less than it is set to, a motor does nothing, a foot does not leave its place,
+    or the springs stay too cold. Empty if the film shows none of these. `belief`: after the film."""
     (recording,) = film.recordings
+    if hot := _find_hot_springs(number, film, belief, limit_c):
+        return hot
     fall = find_fall(build(film.body.morphology).positions[film.body.marker_masses], recording.tracked)
     if fall is not None:
         return (
@@ -101,6 +103,24 @@ def _find_idle_motors(number: int, film: RobotFilms, belief: Belief) -> tuple[Fa
     )
 
 
+def _find_hot_springs(number: int, film: RobotFilms, belief: Belief, limit_c: float) -> tuple[Fault, ...]:
+    heat = believe_heat(belief, film)
+    if not belief.explains or heat.peak_c <= limit_c:
+        return ()
+    low, high = heat.peak_interval
+    lower = find_safe_current(belief, film, limit_c)
+    return (
+        Fault(
+            number,
+            "hot",
+            f"the springs get hotter than the limit of {limit_c:g} C: the film tells {heat.peak_c:.0f} C "
+            f"({low:.0f} to {high:.0f}), so they have more current or less air than the rig file says",
+            f"lower the current limit to {lower:.2f} A, at the supply and in the rig file, or measure the "
+            "current and the springs (eldir calibrate springs)",
+        ),
+    )
+
+
 def _find_cold_springs(number: int, film: RobotFilms, belief: Belief) -> tuple[Fault, ...]:
     used, _ = spring_strokes(belief, film.nominal.springs, film.recordings[0])
     mean = used.mean(axis=0)
@@ -111,7 +131,7 @@ def _find_cold_springs(number: int, film: RobotFilms, belief: Belief) -> tuple[F
             number,
             "cold",
             f"the springs use {mean.max():.0%} of their stroke: they stay too cold",
-            "turn the supply up as far as the limits allow, and keep draughts away",
+            "measure the current, turn the supply up as far as the limits allow, keep draughts away",
         ),
     )
 
@@ -137,24 +157,6 @@ def _find_stuck_feet(number: int, body: FilmedBody, recording: Recording) -> tup
             "clean the feet and the table, look for a foot that is caught, or lay another surface",
         ),
     )
-
-
-def spring_strokes(
-    belief: Belief, springs: SpringParameters, recording: Recording
-) -> tuple[FloatArray, FloatArray]:
-    """How far the spring of each motor of each member moves in the cycles that count: as a part of what it
-    could, and in metres, shape (N, A) each. `springs`: those of the run, as they should be."""
-    morphology = belief.body.morphology
-    nominal = replace(belief.nominal, springs=springs)
-    members = [perturb_robot(morphology, nominal, belief.names, z) for z in belief.z]
-    each = [s for robot in members for s in robot.motor_springs(morphology.motors)]
-    cold = SpringState(np.array([s.ambient for s in each]), np.ones(len(each)))
-    on = np.tile(recording.contact_shares, (1, len(members)))
-    lengths = heat(on, INTERVAL, each, cold).length[int(recording.start / INTERVAL) :]
-    strokes = np.ptp(lengths, axis=0)
-    possible = np.array([s.hot_length - s.cold_length for s in each])
-    shape = len(members), morphology.motors
-    return (strokes / possible).reshape(shape), strokes.reshape(shape)
 
 
 def explained_share(

@@ -26,7 +26,10 @@ from eldir_calibration.dynamics.recording import (
 )
 from eldir_calibration.identification.identification import RobotFilms, read_films
 from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.rig.sections import MEASURED_CURRENT
 
+CURRENT = "current"
+"""The parameter of the supply's current."""
 MISFIT = "misfit"
 """Entry of a belief's provenance."""
 
@@ -65,7 +68,19 @@ def read_run(log: Path, design: Design, rig: Rig, progress: Progress) -> RobotFi
             expected="the same, but for supply.current_limit_a",
             remedy="begin a new folder",
         )
+    if films.current_is_measured != rig.tolerances.current_is_measured:
+        raise InputError(
+            f"the current of {log} was {'' if films.current_is_measured else 'not '}measured",
+            code="dynamics.other-current",
+            expected=f"tolerances.current of {MEASURED_CURRENT:g} or less in all runs of a folder or in none",
+            remedy="begin a new folder, and give this one as --prior",
+        )
     return films
+
+
+def known_parameters(rig: Rig) -> tuple[str, ...]:
+    """Parameters of the robot that were measured on this rig."""
+    return (CURRENT,) if rig.tolerances.current_is_measured else ()
 
 
 def believe_films(
@@ -100,6 +115,7 @@ def believe_films(
         nominal,
         filmed=filmed,
         measurements=measured,
+        known=known_parameters(rig),
         prior=prior,
         seed=config.seed,
         progress=progress,

@@ -13,25 +13,37 @@ import os
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from eldir.built.scene import PrintedScene
 from eldir.design import Design
 from eldir.errors import InputError
-from eldir_calibration.adaptation.choice import NoGaitError, advise_supply, discrepancy, plan_run
+from eldir_calibration.adaptation.choice import BestRun, NoGaitError, advise_supply, discrepancy, plan_run
 from eldir_calibration.adaptation.faults import find_faults
 from eldir_calibration.adaptation.films import (
     MISFIT,
     FilmedWalk,
     believe_films,
     filmed_walks,
+    known_parameters,
     nominal_robot,
     read_run,
 )
+from eldir_calibration.adaptation.heat import believe_heat
 from eldir_calibration.adaptation.page import write_film, write_page
 from eldir_calibration.adaptation.prior import BELIEF, find_prior
-from eldir_calibration.adaptation.runs import Adaptation, AdaptationConfig, AdaptationRun, Fault, best_run
+from eldir_calibration.adaptation.runs import (
+    Adaptation,
+    AdaptationConfig,
+    AdaptationRun,
+    Fault,
+    SpringHeat,
+    SupplyAdvice,
+    best_run,
+)
+from eldir_calibration.dynamics.belief import Belief
 from eldir_calibration.dynamics.configuration import DEFAULT_CONFIG
 from eldir_calibration.dynamics.recording import Progress
 from eldir_calibration.identification.identification import RobotFilms
@@ -43,6 +55,7 @@ Drive = Callable[[ActuationSchedule, Path], None]
 """A function that plays a schedule and writes its log; it raises if the run was not played to its end."""
 _SCHEDULE, _SUMMARY = "schedule.json", "adaptation.json"
 _TO_REPAIR = ("supply", "motor", "stuck")
+_TOO_HOT = "hot"
 
 
 class _Deadline:
@@ -87,15 +100,14 @@ def adapt(
     summary = folder / _SUMMARY
     begun = Adaptation.load(summary) if summary.exists() else Adaptation((), None, "")
     runs, faults = list(begun.runs), begun.faults
-    known = find_prior(folder, prior, nominal_robot(rig), rig.spring_tolerances())
+    known = find_prior(folder, prior, nominal_robot(rig), rig.spring_tolerances(), known_parameters(rig))
     films = [read_run(folder / run.log, design, rig, progress) for run in runs]
     for run, film in zip(runs, films, strict=True):  # after an interruption one may be missing
         write_film(folder / run.log, design, film)
-    scene = known
-    if films:
-        scene, faults = _learn(design, rig, films, known, faults, config, progress)
+    learned = _learn(design, rig, films, known, faults, config, progress) if films else None
     ended = f"all {config.runs} runs are made"
     while len(runs) < config.runs:
+        scene, faults = (known, faults) if learned is None else (learned.scene, learned.faults)
         place = folder / f"run_{len(runs) + 1:02d}"
         log = place / f"{place.name}.mcap"
         plans = PlanConfig(
@@ -109,7 +121,7 @@ def adapt(
             schedule = ActuationSchedule.load(place / _SCHEDULE)
         else:
             try:
-                _require_repaired(faults, len(runs))
+                _require_repaired(faults, runs, rig)
                 deadline.require(1.0)
                 schedule = plan_run(
                     design, rig, plans, runs, filmed_walks(films), config, lambda what: progress(what, 0.0)
@@ -132,14 +144,23 @@ def adapt(
         _save(folder, Adaptation(tuple(runs), best_run(runs), "", (), faults))  # those of earlier runs
         on_run(len(runs), runs[-1])
         write_film(log, design, films[-1])
-        scene, faults = _learn(design, rig, films, known, faults, config, progress)
-        _report(folder, rig, Adaptation(tuple(runs), best_run(runs), "", (), faults), known, scene)
-    if scene is None or not films:
+        learned = _learn(design, rig, films, known, faults, config, progress)
+        so_far = Adaptation(tuple(runs), best_run(runs), "", (), learned.faults, learned.heat)
+        _report(folder, rig, so_far, known, learned.scene)
+    if learned is None:
         return Adaptation((), None, ended)
-    filmed = filmed_walks(films)
-    advice = () if best_run(runs) is None else advise_supply(design, rig, folder, runs, filmed, scene, config)
-    found = Adaptation(tuple(runs), best_run(runs), ended, advice, faults)
-    return _report(folder, rig, found, known, scene)
+    advice = _advise(design, rig, folder, runs, films, learned, config)
+    found = Adaptation(tuple(runs), best_run(runs), ended, advice, learned.faults, learned.heat)
+    return _report(folder, rig, found, known, learned.scene)
+
+
+class _Learned(NamedTuple):
+    """What the films tell."""
+
+    scene: PrintedScene
+    belief: Belief
+    faults: tuple[Fault, ...]
+    heat: SpringHeat
 
 
 def _learn(
@@ -150,19 +171,42 @@ def _learn(
     faults: Sequence[Fault],
     config: AdaptationConfig,
     progress: Progress,
-) -> tuple[PrintedScene, tuple[Fault, ...]]:
-    """The belief after all films, and the faults that they show; `faults`: those that earlier ones did."""
+) -> _Learned:
+    """What all films tell, and the faults that they show; `faults`: those that earlier ones did."""
     scene, belief = believe_films(design, rig, films, prior, config, progress)
     number = len(films)
     earlier = tuple(fault for fault in faults if fault.run < number)
-    return scene, earlier + find_faults(number, films[-1], belief)
+    now = find_faults(number, films[-1], belief, rig.limits.max_temperature_c)
+    return _Learned(scene, belief, earlier + now, believe_heat(belief, films[-1]))
 
 
-def _require_repaired(faults: Sequence[Fault], number: int) -> None:
-    """Raise `NoGaitError` for a fault in the last run that no gait can make up for."""
+def _advise(
+    design: Design,
+    rig: Rig,
+    folder: Path,
+    runs: Sequence[AdaptationRun],
+    films: Sequence[RobotFilms],
+    learned: _Learned,
+    config: AdaptationConfig,
+) -> tuple[SupplyAdvice, ...]:
+    """Advice on the supply for the best run, if the robot stayed upright in one."""
+    best = best_run(runs)
+    if best is None:
+        return ()
+    plays = BestRun(ActuationSchedule.load(folder / runs[best - 1].schedule), films[best - 1])
+    return advise_supply(design, rig, plays, filmed_walks(films), learned.scene, learned.belief, config)
+
+
+def _require_repaired(faults: Sequence[Fault], runs: Sequence[AdaptationRun], rig: Rig) -> None:
+    """Raise `NoGaitError` for a fault in the last run that no gait can make up for, and for springs that were
+    too hot, until the current is lower."""
     for fault in faults:
-        if fault.run == number and fault.kind in _TO_REPAIR:
+        if fault.run != len(runs):
+            continue
+        if fault.kind in _TO_REPAIR:
             raise NoGaitError(f"{fault.text}. Repair it, then begin a new folder")
+        if fault.kind == _TOO_HOT and rig.spring_parameters().current_limit >= runs[-1].current_limit_a:
+            raise NoGaitError(f"{fault.text}. With a lower current the same command goes on")
 
 
 def _require_table(design: Design) -> None:

@@ -9,7 +9,7 @@ Both are normal distributions, so what the beliefs of some robots tell of the ne
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from math import hypot, sqrt
 from pathlib import Path
@@ -31,6 +31,7 @@ from eldir.parameters.uncertain import (
     applicable_parameters,
     is_unobservable,
 )
+from eldir_calibration.adaptation.films import CURRENT
 
 BELIEF, PRIOR = "belief.json", "prior.json"
 """Files of an adaptation: what is believed after its films, and before them."""
@@ -50,13 +51,23 @@ class KitBelief(NamedTuple):
 
 
 def find_prior(
-    folder: Path, given: Sequence[Path], nominal: RobotParameters, tolerances: RigTolerances
+    folder: Path,
+    given: Sequence[Path],
+    nominal: RobotParameters,
+    tolerances: RigTolerances,
+    known: Collection[str] = (),
 ) -> PrintedScene | None:
     """What is known before the films of the adaptation in `folder`: that with which it began, else what the
-    given folders tell, which is kept in it; None: nothing. Raises `InputError` for folders that it did not
-    begin with."""
-    prior = load_prior(given, nominal, tolerances) if given else None
+    given folders tell, which is kept in it; None: nothing. `known`: parameters that were measured, of which
+    nothing is to be told. Raises `InputError` for folders that it did not begin with."""
+    prior = load_prior(given, nominal, tolerances, known) if given else None
     begun = PrintedScene.load(folder / PRIOR) if (folder / PRIOR).exists() else None
+    if begun is not None and (late := set(known) & set(begun.parameters)):
+        raise InputError(
+            f"{folder} began before its {', '.join(late)} was measured",
+            code="adapt.late-prior",
+            remedy="give another --out",
+        )
     if prior is not None:
         if begun is None and not (folder / "run_01").exists():
             prior.save(folder / PRIOR)
@@ -73,7 +84,9 @@ def find_prior(
     return begun
 
 
-def load_prior(folders: Sequence[Path], nominal: RobotParameters, tolerances: RigTolerances) -> PrintedScene:
+def load_prior(
+    folders: Sequence[Path], nominal: RobotParameters, tolerances: RigTolerances, known: Collection[str] = ()
+) -> PrintedScene:
     """The prior of a robot from the folders of earlier adaptations. Raises `InputError` where one is no such
     folder, or is given twice."""
     beliefs: list[KitBelief] = []
@@ -94,17 +107,20 @@ def load_prior(folders: Sequence[Path], nominal: RobotParameters, tolerances: Ri
                 expected="adaptations of different robots",
                 remedy="name each one once",
             )
-    return kit_prior(beliefs, nominal, tolerances)
+    return kit_prior(beliefs, nominal, tolerances, known)
 
 
 def kit_prior(
-    beliefs: Sequence[KitBelief], nominal: RobotParameters, tolerances: RigTolerances
+    beliefs: Sequence[KitBelief],
+    nominal: RobotParameters,
+    tolerances: RigTolerances,
+    known: Collection[str] = (),
 ) -> PrintedScene:
     """What is known of a robot before its films, from beliefs of other robots of the kit.
 
     `nominal`: the robot as designed, on its present supply.
     """
-    names = applicable_parameters(nominal.printed)
+    names = tuple(name for name in applicable_parameters(nominal.printed) if name not in known)
     own = np.array([difference_between_robots(PARAMETERS[n], nominal, tolerances) ** 2 for n in names])
     kit = np.maximum(1.0 - own, 1e-9)  # variance of the kit's parameters before any film
     precision, weighted = 1.0 / kit, np.zeros(len(names))
@@ -141,19 +157,32 @@ def difference_between_robots(
 def _information(belief: KitBelief, names: tuple[str, ...]) -> tuple[FloatArray, FloatArray]:
     """What the films of a robot tell of each parameter without the prior: precision, and value."""
     before, after = belief.before, belief.after
-    if after.parameters != names or (before is not None and before.parameters != names):
-        raise InputError(
-            f"{belief.name} has other parameters than this robot",
-            code="adapt.other-parameters",
-            expected=", ".join(names),
-            found=", ".join(after.parameters),
-            remedy="give adaptations by this version of eldir",
-        )
-    zeros, ones = np.zeros(len(names)), np.ones(len(names))
-    mean, variance = (zeros, ones) if before is None else (before.z, np.diag(before.covariance))
-    left = np.diag(after.covariance)
+    mean, variance = _marginals(belief.name, before, names)
+    z, left = _marginals(belief.name, after, names)
     observable = np.array([not is_unobservable(name) for name in names])  # else narrower by chance
     told = observable & (left <= _MAX_KNOWN * variance)
     precision = np.where(told, 1.0 / np.where(told, left, 1.0) - 1.0 / variance, 0.0)
-    weighted = np.where(told, after.z / np.where(told, left, 1.0) - mean / variance, 0.0)
+    weighted = np.where(told, z / np.where(told, left, 1.0) - mean / variance, 0.0)
     return precision, weighted / np.where(told, precision, 1.0)
+
+
+def _marginals(
+    name: str, scene: PrintedScene | None, names: tuple[str, ...]
+) -> tuple[FloatArray, FloatArray]:
+    """Mean and variance of each parameter; those of the priors without a scene, and for a current that was
+    measured in those films and is not now."""
+    known = {} if scene is None else dict(zip(scene.parameters, range(len(scene.z)), strict=True))
+    if scene is not None and not set(names) ^ set(known) <= {CURRENT}:
+        raise InputError(
+            f"{name} has other parameters than this robot",
+            code="adapt.other-parameters",
+            expected=", ".join(names),
+            found=", ".join(known),
+            remedy="give adaptations by this version of eldir",
+        )
+    mean, variance = np.zeros(len(names)), np.ones(len(names))
+    for i, parameter in enumerate(names):
+        if scene is not None and parameter in known:
+            k = known[parameter]
+            mean[i], variance[i] = scene.z[k], scene.covariance[k, k]
+    return mean, variance

@@ -11,6 +11,7 @@ from pydantic import Field
 from eldir.built.gait import CYCLES
 from eldir.core.records import FileRecord, Record, record
 from eldir_calibration.dynamics.belief import BeliefConfig
+from eldir_calibration.dynamics.configuration import DEFAULT_CONFIG
 
 
 @dataclass(frozen=True)
@@ -65,13 +66,35 @@ class Fault(Record):
 
     run: Annotated[int, Field(ge=1)]
     """Number of the run, from 1."""
-    kind: Literal["fall", "supply", "motor", "cold", "stuck"]
+    kind: Literal["fall", "supply", "motor", "cold", "stuck", "hot"]
     """fall: it falls; supply: it gives less current than it is set to; motor: one does nothing; cold: the
-    springs use little of their stroke; stuck: a foot does not leave its place."""
+    springs use little of their stroke; stuck: a foot does not leave its place; hot: the springs get hotter
+    than the rig file's limit."""
     text: str
     """What the film shows."""
     remedy: str
     """What to change."""
+
+
+@record
+class SpringHeat(Record):
+    """How hot the springs get in a run and how far they move, as believed after its film: the means over the
+    robots that may be the filmed one, and their standard deviations."""
+
+    peak_c: float
+    """Highest temperature of a spring [C]."""
+    peak_deviation_c: Annotated[float, Field(ge=0)]
+    """Standard deviation of that temperature [K]."""
+    stroke_used: Annotated[float, Field(ge=0)]
+    """Used part of the stroke."""
+    stroke_used_deviation: Annotated[float, Field(ge=0)]
+    """Standard deviation of that part."""
+
+    @property
+    def peak_interval(self) -> tuple[float, float]:
+        """95 % interval of the highest temperature [C]."""
+        arm = DEFAULT_CONFIG.interval * self.peak_deviation_c
+        return self.peak_c - arm, self.peak_c + arm
 
 
 @record
@@ -98,7 +121,7 @@ class Adaptation(FileRecord):
     """Runs of an adaptation, and the best of them. JSON "eldir-adaptation/1"."""
 
     FORMAT = "eldir-adaptation/1"
-    OPTIONAL = frozenset({"faults"})
+    OPTIONAL = frozenset({"faults", "heat"})
 
     runs: tuple[AdaptationRun, ...]
     """The runs, in the order in which they were made."""
@@ -110,6 +133,8 @@ class Adaptation(FileRecord):
     """What a higher current would bring; empty while runs are left."""
     faults: tuple[Fault, ...] = ()
     """Why the robot does not walk, as the films show it; empty where they do not."""
+    heat: SpringHeat | None = None
+    """Heat of the springs in the last run; null before its film was read."""
 
 
 def best_run(runs: Sequence[AdaptationRun]) -> int | None:

@@ -7,7 +7,7 @@ differences between the springs of the motors; strips keep their drawn lengths.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -90,6 +90,7 @@ def believe(
     *,
     filmed: Sequence[RobotParameters] | None = None,
     measurements: Measurements = NOT_MEASURED,
+    known: Collection[str] = (),
     prior: PrintedScene | None = None,
     seed: int = 0,
     progress: Progress = lambda what, part: None,
@@ -102,6 +103,7 @@ def believe(
         nominal: the robot as designed, with hubs, on the present supply.
         filmed: the same at each recording, where the supply was another one.
         measurements: readings during the last recording.
+        known: parameters that keep their nominal values, because they were measured.
         prior: what is known of the common parameters before the films; else their priors.
         progress: called before each step.
 
@@ -109,7 +111,7 @@ def believe(
         InputError: if hardly any robot of this design keeps moving.
     """
     names = (
-        *applicable_parameters(nominal.printed),
+        *(n for n in applicable_parameters(nominal.printed) if n not in known),
         *(n for n in part_names(body.morphology) if n.startswith("spring")),
     )
     rng = np.random.default_rng([seed, len(recordings)])

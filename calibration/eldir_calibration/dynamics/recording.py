@@ -238,7 +238,7 @@ def require_informative(
                 code="dynamics.hardly-moves",
                 expected=f"a marker that rises and falls by {config.min_motion * 1e3:.0f} mm",
                 found=f"{moved * 1e3:.1f} mm",
-                remedy="check supply and springs, or try another gait",
+                remedy="measure the current in a spring: cold ones do not move it; or try another gait",
             )
 
 

@@ -57,6 +57,8 @@ class RobotFilms(NamedTuple):
     """Current and voltage of hot springs, where the logs hold them."""
     rooms_c: tuple[float | None, ...] = ()
     """Temperature of the air in each log [C]; None where it was not measured."""
+    current_is_measured: bool = False
+    """Whether the rig file says so (`ToleranceEntry`)."""
 
 
 def read_films(
@@ -104,6 +106,7 @@ def read_films(
         {"eldir": __version__, "logs": [path.name for path in paths], "rig": first.rig.name},
         read_meters([(run.log, run.rig) for run in runs], hot=True),
         tuple(run.measured.room_c for run in runs),
+        first.rig.tolerances.current_is_measured,
     )
 
 

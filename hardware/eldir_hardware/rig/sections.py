@@ -20,6 +20,8 @@ from eldir_hardware.rig._board_hints import find_port_problem
 from eldir_hardware.rig.addresses import is_camera
 
 _KIT = RigTolerances()
+MEASURED_CURRENT = 0.02
+"""Relative tolerance of a current that a sensor or a good meter has measured."""
 _MIN_RESISTIVITY, _MAX_RESISTIVITY = 0.4e-6, 1.3e-6  # of Nitinol [Ohm m]
 # Published: 0.44e-6 (table II of PMC5687518), 0.8e-6 to 1.0e-6 (Dynalloy's sheet F1140).
 THERMAL = ("heat_capacity", "latent_heat", "convection_fan", "convection_still")
@@ -177,13 +179,23 @@ class ToleranceEntry(Section):
     """Tolerances of the bench around the measured values in this file."""
 
     current: Annotated[float, Field(ge=0.01, le=0.5)] = _KIT.current
-    """Relative tolerance of the current through a spring."""
+    """Relative tolerance of the current through a spring; 0.02 and less say that it was measured."""
     ambient_min_c: Annotated[float, Field(ge=-20, le=45)] = _KIT.ambient_min
     """Lowest temperature of the air [C]."""
     ambient_max_c: Annotated[float, Field(ge=-20, le=60)] = _KIT.ambient_max
     """Highest temperature of the air [C]."""
     convection_tolerance: Annotated[float, Field(ge=0.02, le=0.9)] = _KIT.convection
     """Relative tolerance of a measured heat transfer coefficient; 0.1 is a fifth of the air's speed."""
+
+    @property
+    def current_is_measured(self) -> bool:
+        """Whether `supply.current_limit_a` is what a sensor or a good meter shows."""
+        return self.current <= MEASURED_CURRENT
+
+    @property
+    def measured_fields(self) -> tuple[str, ...]:
+        """Fields of `SpringParameters` that were measured on the bench."""
+        return ("current_limit",) if self.current_is_measured else ()
 
 
 class FanEntry(Section):
@@ -333,7 +345,7 @@ class VirtualEntry(Section):
     """Random seed of the deviations of springs, body and camera."""
     parameter_spread: Literal["small", "large"] = "small"
     """Deviation of the robot's parameters from nominal. small: a few per cent; large: 10 to 50 %, to test
-    `eldir calibrate dynamics`."""
+    `eldir calibrate dynamics`. A current that was measured (`tolerances.current`) keeps its tolerance."""
     physics: Literal["eldir", "mujoco"] = "eldir"
     """The program that moves the robot: eldir's built scene, or MuJoCo, which models hubs, sockets and
     contact between parts (`pip install 'eldir[mujoco]'`)."""

@@ -350,7 +350,9 @@ def _open_virtual(
     rig.require_motors(design.morphology.motors)
     printed, springs = None, rig.spring_parameters()
     if rig.virtual.parameter_spread == "large":
-        far = sample_large_spread(RobotParameters(springs=springs), rig.virtual.seed)
+        far = sample_large_spread(
+            RobotParameters(springs=springs), rig.virtual.seed, measured=rig.tolerances.measured_fields
+        )
         printed, springs = far.printed, far.springs
     entry = rig.camera if isinstance(rig.camera, VirtualCameraEntry) else None
     with _open_body(rig, design, springs, printed) as body, VirtualRig(rig, body, springs) as virtual:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Iterator
 
 from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.rig.sections import MEASURED_CURRENT
 from eldir_hardware.rig.supply import coldest_springs, power_shares, scale_by_shares
 from eldir_hardware.safety.limits import LimitError, check_heat, check_schedule, on_fractions
 from eldir_hardware.safety.worst_heat import run_until_periodic
@@ -17,7 +18,6 @@ _AMBIENT_SEARCH = (40.0, 0.1)  # [K]
 _PULSE_SEARCH = (6.0, 0.02)  # [s]
 _LIMIT_SEARCH = (2.0, 0.005)  # [A]
 _LIMIT_STEP = 0.05  # of the supply's current limit that is advised [A]
-_MEASURED_CURRENT = 0.02  # tolerance of a current that a sensor or a good meter has measured
 _MEASURED_AIR = 3.0  # tolerance of the air's temperature if it is measured before each run [K]
 
 
@@ -71,7 +71,7 @@ def rigs_with_narrower_tolerances(schedule: ActuationSchedule, rig: Rig) -> Iter
     is not higher than the rig's own, or its tolerances are as narrow already, none is yielded.
     """
     own, air = rig.tolerances, rig.springs.ambient_c
-    current = {"current": min(own.current, _MEASURED_CURRENT)}
+    current = {"current": min(own.current, MEASURED_CURRENT)}
     room = {
         "ambient_min_c": max(own.ambient_min_c, air - _MEASURED_AIR),
         "ambient_max_c": min(own.ambient_max_c, air + _MEASURED_AIR),

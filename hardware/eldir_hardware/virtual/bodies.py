@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import signal
+from collections.abc import Collection
 from contextlib import suppress
 from dataclasses import replace
 from importlib.util import find_spec
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 
@@ -25,6 +26,7 @@ from eldir_hardware.virtual.rig import DrivenBody
 
 Physics = Literal["eldir", "mujoco"]
 Dimensions = Literal[2, 3]
+_Part = TypeVar("_Part", BuiltParameters, SpringParameters)
 _SAMPLED_FIRST = "cold_length", "hot_length"
 """Springs' fields before the others, by which seeds give the same robots as before."""
 
@@ -72,9 +74,12 @@ def physics_version(physics: Physics) -> str:
     return f"eldir {__version__}"
 
 
-def sample_large_spread(nominal: RobotParameters, seed: int) -> RobotParameters:
+def sample_large_spread(
+    nominal: RobotParameters, seed: int, *, measured: Collection[str] = ()
+) -> RobotParameters:
     """A robot far from the nominal one, for an identification on a virtual rig: as far as each `LargeSpread`
-    says, and in all other fields as printed robots differ. With more, it would fall or stand still."""
+    says, and in all other fields as printed robots differ. With more, it would fall or stand still.
+    `measured`: fields that stay within the rig's tolerances; the others are as without it."""
     rng = np.random.default_rng([seed, 4])
     built, springs = nominal.printed, nominal.springs
     spreads = dict(
@@ -89,10 +94,12 @@ def sample_large_spread(nominal: RobotParameters, seed: int) -> RobotParameters:
         factors.update((name, spreads[name].sample(rng)) for name in own if name not in factors)
         return {name: getattr(part, name) * factors[name] for name in own}
 
-    built = replace(built.perturb(rng), **values(built))
+    def far(part: _Part, perturbed: _Part) -> _Part:
+        return replace(perturbed, **{k: v for k, v in values(part).items() if k not in measured})
+
+    built = far(built, built.perturb(rng))
     built = replace(built, hot_stiffness=built.hot_stiffness * hot_to_cold)
-    springs = replace(springs.perturb(rng), **values(springs))
-    return RobotParameters(built, springs)
+    return RobotParameters(built, far(springs, springs.perturb(rng)))
 
 
 class EngineBody:

@@ -9,15 +9,19 @@ from functools import cache
 import numpy as np
 import pytest
 
+from eldir.built.heat import HeatModel
 from eldir.controller import Controller
 from eldir.design import Design
 from eldir.parameters.robot import RobotParameters
+from eldir.parameters.springs import SpringParameters
+from eldir.parameters.uncertain import PARAMETERS
 from eldir.scene import Scene
 from eldir.trajectory import Trajectory
-from eldir_calibration.adaptation.faults import explained_share, find_faults, spring_strokes
+from eldir_calibration.adaptation.faults import explained_share, find_faults
+from eldir_calibration.adaptation.heat import believe_heat, find_safe_current, keeps_limit, spring_strokes
 from eldir_calibration.comparison.meters import MeterReadings
 from eldir_calibration.dynamics.belief import Belief
-from eldir_calibration.dynamics.recording import Recording, predict_markers
+from eldir_calibration.dynamics.recording import INTERVAL, Recording, predict_markers
 from eldir_calibration.identification.identification import RobotFilms
 from tests.calibration.dynamics.hidden_rigs import (
     LATTICE,
@@ -31,7 +35,8 @@ from tests.calibration.dynamics.hidden_rigs import (
 SPRINGS = NOMINAL.springs
 NAMES = ("current", "spring 1 current")
 """The second one is the difference between the motors: the first has more, the other one less."""
-BOTH_WORK, SECOND_IDLE, BOTH_COLD = (0.0, 0.0), (-0.8, 4.0), (-1.3, 0.0)
+BOTH_WORK, SECOND_IDLE, BOTH_COLD, BOTH_HOT = (0.0, 0.0), (-0.8, 4.0), (-1.3, 0.0), (0.8, 0.0)
+LIMIT = 90.0
 
 
 @cache
@@ -56,7 +61,7 @@ def believed(z: Sequence[float], misfit: float = 0.5) -> Belief:
 
 
 def kinds(recording: Recording, belief: Belief, readings: MeterReadings | None = None) -> list[str]:
-    return [fault.kind for fault in find_faults(1, films(recording, readings), belief)]
+    return [fault.kind for fault in find_faults(1, films(recording, readings), belief, LIMIT)]
 
 
 def moved(recording: Recording, positions: np.ndarray) -> Recording:
@@ -65,7 +70,7 @@ def moved(recording: Recording, positions: np.ndarray) -> Recording:
 
 
 def test_a_motor_that_does_nothing_is_named() -> None:
-    (fault,) = find_faults(3, films(film(0)), believed(SECOND_IDLE))
+    (fault,) = find_faults(3, films(film(0)), believed(SECOND_IDLE), LIMIT)
     assert (fault.run, fault.kind) == (3, "motor") and fault.text.startswith("motor 1 does nothing")
     assert explained_share(walker(), film(0), SPRINGS, [0]) > 0.97
     assert explained_share(walker(), film(0, 1), SPRINGS, [0]) < 0.95
@@ -88,6 +93,34 @@ def test_springs_that_use_little_of_their_stroke_are_too_cold() -> None:
     np.testing.assert_allclose(full, 1.0, atol=0.02)
 
 
+def test_springs_above_the_limit_come_first() -> None:
+    """Before everything else: with less current the robot must be filmed again anyway."""
+    belief, seen = believed(BOTH_HOT), films(film(0, 1))
+    peak = steady_peak(PARAMETERS["current"].at(SPRINGS, BOTH_HOT[0]))
+    heat = believe_heat(belief, seen)
+    used, _ = spring_strokes(belief, SPRINGS, film(0, 1))
+    assert heat.peak_c == pytest.approx(peak, abs=0.5)
+    assert heat.stroke_used == pytest.approx(used.mean(), abs=1e-3)
+    low, high = heat.peak_interval
+    assert high - low == pytest.approx(2 * 1.96 * heat.peak_deviation_c)
+    (fault,) = find_faults(2, seen, belief, peak - 1.0)
+    assert (fault.run, fault.kind) == (2, "hot") and f"the film tells {peak:.0f} C" in fault.text
+    safe = find_safe_current(belief, seen, peak - 1.0)
+    assert f"lower the current limit to {safe:.2f} A" in fault.remedy and safe < SPRINGS.current_limit
+    assert [keeps_limit(belief, seen, peak - 1.0, a) for a in (safe, safe + 0.05)] == [True, False]
+    measured = SPRINGS.current_limit  # what the supply then gives
+    at_file = steady_peak(replace(SPRINGS, current_limit=1.02 * measured))
+    assert keeps_limit(belief, seen, at_file + 9.0, measured, 0.02), "1.64 x 5 K: the error of the model"
+    assert not keeps_limit(belief, seen, at_file + 7.0, measured, 0.02)
+    assert not find_faults(2, seen, belief, peak + 1.0)
+    assert not find_faults(2, seen, replace(belief, misfit=1.5), peak - 1.0), "it explains nothing"
+
+
+def steady_peak(springs: SpringParameters) -> float:
+    """Highest temperature in the film, by the heat model alone [C]."""
+    return float(HeatModel([springs] * 2).run(film(0, 1).contact_shares, INTERVAL).temperature.max())
+
+
 def test_a_foot_that_stays_in_its_place_is_stuck_if_the_springs_move() -> None:
     positions = film(0, 1).tracked.positions.copy()
     heights = walker().morphology.positions[walker().marker_masses, 1]
@@ -104,7 +137,7 @@ def test_a_fall_is_told_with_its_time() -> None:
     positions, times = film(0, 1).tracked.positions.copy(), film(0, 1).tracked.times
     c, s = np.cos(1.2), np.sin(1.2)
     positions[times > 40.0] @= np.array([[c, s], [-s, c]])
-    (fault,) = find_faults(1, films(moved(film(0, 1), positions)), believed(BOTH_WORK))
+    (fault,) = find_faults(1, films(moved(film(0, 1), positions)), believed(BOTH_WORK), LIMIT)
     assert fault.kind == "fall" and fault.text == "the robot falls at 40 s"
 
 

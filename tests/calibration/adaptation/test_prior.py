@@ -85,6 +85,28 @@ def test_what_differs_between_robots_is_not_learned_from_another_one() -> None:
     assert not kit_prior([KitBelief("a", None, vague)], NOMINAL, TOLERANCES).z.any()
 
 
+def test_of_a_current_that_was_measured_nothing_is_told_and_of_the_rest_the_same(tmp_path: Path) -> None:
+    """Whether it is measured now, or was in the films of the other robot."""
+    rest = [i for i, name in enumerate(NAMES) if name != "current"]
+    names = tuple(NAMES[i] for i in rest)
+    whole = conclude(np.random.default_rng(6).standard_normal(len(NAMES)))
+    measured = PrintedScene.of(
+        NOMINAL.at(names, whole.z[rest]), names, whole.covariance[np.ix_(rest, rest)], whole.z[rest]
+    )
+    expected = kit_prior([KitBelief("a", None, whole)], NOMINAL, TOLERANCES)
+    for belief in (whole, measured):
+        found = kit_prior([KitBelief("a", None, belief)], NOMINAL, TOLERANCES, ("current",))
+        assert found.parameters == names and found.z.tolist() == expected.z[rest].tolist()
+        assert found.springs.current_limit == pytest.approx(NOMINAL.at(names, found.z).springs.current_limit)
+    later = kit_prior([KitBelief("a", None, measured)], NOMINAL, TOLERANCES)
+    i = NAMES.index("current")
+    assert later.z[i] == 0.0 and later.covariance[i, i] == pytest.approx(1.0)
+    (tmp_path / "run_01").mkdir()
+    expected.save(tmp_path / "prior.json")
+    with raises(InputError, "adapt.late-prior", match="before its current was measured"):
+        find_prior(tmp_path, [], NOMINAL, TOLERANCES, ("current",))
+
+
 def test_without_films_a_belief_is_its_prior() -> None:
     rng = np.random.default_rng(5)
     mean = rng.uniform(-0.5, 0.5, len(NAMES))

@@ -108,3 +108,11 @@ def test_far_rigs_are_far_and_each_its_own() -> None:
         assert 0.1 <= off["hot_length"] <= 0.2 and 0.1 <= off["cold_length"] <= 0.3
         assert off["hot_stiffness"] < 0.7 and far.springs.cold_length < far.springs.hot_length
     assert sample_large_spread(SOFT, 1) == sample_large_spread(SOFT, 1) != sample_large_spread(SOFT, 2)
+
+
+def test_what_was_measured_is_not_far_and_nothing_else_changes() -> None:
+    for seed in range(20):
+        far, known = (sample_large_spread(SOFT, seed, measured=m) for m in ((), ("current_limit",)))
+        assert known.springs.current_limit == SOFT.springs.current_limit != far.springs.current_limit
+        assert replace(known.springs, current_limit=far.springs.current_limit) == far.springs
+        assert known.printed == far.printed
