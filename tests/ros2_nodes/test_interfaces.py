@@ -2,6 +2,7 @@
 
 import ast
 import json
+import math
 import re
 import runpy
 import subprocess
@@ -132,6 +133,22 @@ def test_viewers_show_topics_of_the_nodes():
     assert "/predicted/robot_springs" in in_layout
     for name in {f"/{name}" for name in shown if name} | in_layout:
         assert f"`{name}`" in page or name == "/diagnostics", name
+
+
+def test_viewers_look_at_the_front_of_the_robot():
+    """From negative y, with x to the right. Without `perspective` Foxglove looks from above, where the robot is a line."""
+    rviz = yaml.safe_load((NODES / "config" / "rig.rviz").read_text())
+    view = rviz["Visualization Manager"]["Views"]["Current"]
+    assert view["Class"] == "rviz_default_plugins/Orbit"
+    assert math.sin(view["Yaw"]) * math.cos(view["Pitch"]) < -0.98
+    for layout in (NODES / "config" / "foxglove.json", ROOT / "docs" / "foxglove-layout.json"):
+        panels = json.loads(layout.read_text())["configById"]
+        camera = panels["3D!marks"]["cameraState"]
+        assert camera["perspective"]
+        phi, theta = math.radians(camera["phi"]), math.radians(camera["thetaOffset"])
+        assert math.sin(phi) * math.cos(theta) > 0.98, layout.name
+        for name, panel in panels.items():  # each program has a key of its own
+            assert panel["foxglovePanelTitle"] == panel["lichtblickPanelTitle"], name
 
 
 def test_what_comes_from_pypi_has_a_key_of_rosdep():

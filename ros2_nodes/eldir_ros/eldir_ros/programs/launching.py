@@ -6,12 +6,17 @@
 
 from __future__ import annotations
 
+import atexit
 import os
 import re
+import shutil
+import tempfile
 from collections.abc import Iterable, Mapping
 from functools import cache
+from pathlib import Path
 from typing import Any
 
+import yaml
 from launch.action import Action
 from launch.actions import DeclareLaunchArgument, OpaqueFunction, RegisterEventHandler, Shutdown, TimerAction
 from launch.conditions import IfCondition
@@ -65,6 +70,28 @@ class Namespace(Substitution):
     def describe(self) -> str:
         """What it is, in messages of launch."""
         return "Namespace()"
+
+
+class RvizConfig(Substitution):
+    """The configuration of RViz; in a namespace, a copy in which the robot's frames have its prefix."""
+
+    def perform(self, context: LaunchContext) -> str:
+        own, namespace = shared_file("config", "rig.rviz").perform(context), Namespace().perform(context)
+        if not namespace:
+            return own
+        folder = tempfile.mkdtemp(prefix="eldir-rviz-")
+        atexit.register(shutil.rmtree, folder, ignore_errors=True)
+        config = yaml.safe_load(Path(own).read_text())
+        for display in config["Visualization Manager"]["Displays"]:
+            if "TF Prefix" in display:
+                display["TF Prefix"] = namespace
+        copy = Path(folder) / "rig.rviz"
+        copy.write_text(yaml.safe_dump(config))
+        return str(copy)
+
+    def describe(self) -> str:
+        """What it is, in messages of launch."""
+        return "RvizConfig()"
 
 
 def arguments(*own: tuple[str, Any, str]) -> list[Action]:
@@ -161,7 +188,7 @@ def viewers() -> list[Action]:
             package="rviz2",
             executable="rviz2",
             namespace=Namespace(),
-            arguments=["-d", shared_file("config", "rig.rviz"), "-f", frame],
+            arguments=["-d", RvizConfig(), "-f", frame],
             condition=IfCondition(EqualsSubstitution(view, "rviz")),
         ),
         Node(
