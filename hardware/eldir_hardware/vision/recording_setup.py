@@ -5,6 +5,8 @@ from __future__ import annotations
 from itertools import islice
 from pathlib import Path
 
+import numpy as np
+
 from eldir.core.records import FloatArray
 from eldir.design import Design
 from eldir.errors import InputError
@@ -13,6 +15,8 @@ from eldir_hardware.camera.lens import Lens, require_not_expired
 from eldir_hardware.camera.plane import Plane, TagBoard
 from eldir_hardware.camera.plane_fit import WrongLensError, calibrate_plane
 from eldir_hardware.camera.tags import DriftMonitor
+from eldir_hardware.log.mcap_file import iter_messages
+from eldir_hardware.log.messages import CAMERA_INFO
 from eldir_hardware.log.reader import read_attachment
 from eldir_hardware.markers.registration import DEFAULT_KIND, require_kind
 from eldir_hardware.rig.addresses import is_camera
@@ -106,8 +110,34 @@ def marker_layout(design: Design) -> FloatArray:
 
 
 def load_recorded_lens(source: str) -> Lens | None:
-    """The lens that a log keeps; None for every other source."""
+    """The lens that a log keeps, as a file or as its camera reported it; None for every other source."""
     if is_camera(source):
         return None
     opened = open_source(source)
-    return read_attached_lens(opened) if isinstance(opened, LoggedFrames) else None
+    if not isinstance(opened, LoggedFrames):
+        return None
+    return read_attached_lens(opened) or _read_reported_lens(opened.log.path)
+
+
+def _read_reported_lens(log: Path) -> Lens | None:
+    """The lens in a log's CameraInfo; None if it is not calibrated.
+
+    The message has no deviations: they are as large as the values, so that nobody takes the lens for an
+    accurate one."""
+    for _, _, info in iter_messages(log, [CAMERA_INFO]):
+        if info.k[0] > 0 and info.distortion_model == "plumb_bob" and len(info.d) == 5:
+            focal, size = np.array([info.k[0], info.k[4]]), np.array([info.width, info.height])
+            return Lens(
+                width_px=info.width,
+                height_px=info.height,
+                focal_px=focal,
+                focal_deviation_px=focal,
+                centre_px=np.array([info.k[2], info.k[5]]),
+                centre_deviation_px=size.astype(float),
+                distortion=np.array(info.d),
+                distortion_deviation=np.ones(5),
+                rms_px=float(size.max()),
+                rms_interval_px=(0.0, float(size.max())),
+                provenance={"source": f"camera_info of {log.name}; without deviations"},
+            )
+    return None

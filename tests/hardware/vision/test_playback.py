@@ -10,6 +10,7 @@ from eldir.design import Design
 from eldir.errors import EldirError, InputError
 from eldir.lattice import Lattice
 from eldir_hardware.images import jpeg
+from eldir_hardware.log.messages import camera_info_fields
 from eldir_hardware.log.recorder import Recorder
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.run.filming import RobotCamera, virtual_camera
@@ -18,6 +19,7 @@ from eldir_hardware.vision.pipeline import LiveOverlay
 from eldir_hardware.vision.recording_setup import load_recorded_lens
 from eldir_hardware.vision.sources import timed_pictures
 from tests.eldir.random_design import make_design
+from tests.hardware.camera.lenses import lens_of
 from tests.hardware.log.log_contents import EPOCH, picture
 from tests.hardware.rigs_and_schedules import SCHEDULE, rig_text
 from tests.hardware.vision.walking_films import MARKED, NAMES
@@ -41,6 +43,23 @@ def test_a_logs_pictures_keep_their_bytes_and_stamps(tmp_path):
     np.testing.assert_allclose([p.due for p in shown], [0.0, 0.25, 1.0], atol=1e-6)
     assert {p.data for p in shown} == {jpeg.encode(picture(1)).tobytes()}
     assert load_recorded_lens(str(tmp_path / "log.mcap")) is None
+
+
+def test_a_log_keeps_the_lens_that_its_camera_reported(tmp_path):
+    """As `mcap_recorder` writes it: in CameraInfo, without a file."""
+    with Recorder(tmp_path / "log.mcap", epoch_ns=EPOCH) as log:
+        log.on_camera_info(0.5, camera_info_fields(None, 640, 480))
+        log.on_frame(0.5, picture(1))
+    assert load_recorded_lens(str(tmp_path / "log.mcap")) is None, "not calibrated"
+    lens = lens_of((640, 480), [944, 945], [322, 235], [-0.1, 0.01, 0, 0, 0])
+    with Recorder(tmp_path / "calibrated.mcap", epoch_ns=EPOCH) as log:
+        log.on_camera_info(0.5, camera_info_fields(lens, 640, 480))
+        log.on_frame(0.5, picture(1))
+    kept = load_recorded_lens(str(tmp_path / "calibrated.mcap"))
+    assert kept is not None and kept.size == lens.size
+    np.testing.assert_array_equal(kept.matrix, lens.matrix)
+    np.testing.assert_array_equal(kept.distortion, lens.distortion)
+    assert (kept.deviation >= lens.deviation).all()
 
 
 def test_a_folders_pictures_are_due_at_its_rate(tmp_path):
