@@ -136,10 +136,12 @@ def test_viewers_show_topics_of_the_nodes():
 
 
 def test_viewers_look_at_the_front_of_the_robot():
-    """From negative y, with x to the right. Without `perspective` Foxglove looks from above, where the robot is a line."""
+    """From negative y, with x to the right. Without `perspective` Foxglove looks from above, at a line."""
     rviz = yaml.safe_load((NODES / "config" / "rig.rviz").read_text())
     view = rviz["Visualization Manager"]["Views"]["Current"]
     assert view["Class"] == "rviz_default_plugins/Orbit"
+    assert view["Target Frame"] == "<Fixed Frame>", "that of a namespace too"
+    assert rviz["Window Geometry"]["QMainWindow State"], "without it the panels leave a strip for the robot"
     assert math.sin(view["Yaw"]) * math.cos(view["Pitch"]) < -0.98
     for layout in (NODES / "config" / "foxglove.json", ROOT / "docs" / "foxglove-layout.json"):
         panels = json.loads(layout.read_text())["configById"]

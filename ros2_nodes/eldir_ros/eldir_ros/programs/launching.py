@@ -73,7 +73,7 @@ class Namespace(Substitution):
 
 
 class RvizConfig(Substitution):
-    """The configuration of RViz; in a namespace, a copy in which the robot's frames have its prefix."""
+    """The configuration of RViz; in a namespace, a copy of it with the names there."""
 
     def perform(self, context: LaunchContext) -> str:
         own, namespace = shared_file("config", "rig.rviz").perform(context), Namespace().perform(context)
@@ -81,17 +81,27 @@ class RvizConfig(Substitution):
             return own
         folder = tempfile.mkdtemp(prefix="eldir-rviz-")
         atexit.register(shutil.rmtree, folder, ignore_errors=True)
-        config = yaml.safe_load(Path(own).read_text())
-        for display in config["Visualization Manager"]["Displays"]:
-            if "TF Prefix" in display:
-                display["TF Prefix"] = namespace
         copy = Path(folder) / "rig.rviz"
-        copy.write_text(yaml.safe_dump(config))
+        copy.write_text(in_namespace(Path(own).read_text(), namespace))
         return str(copy)
 
     def describe(self) -> str:
         """What it is, in messages of launch."""
         return "RvizConfig()"
+
+
+def in_namespace(text: str, namespace: str) -> str:
+    """A configuration of RViz whose robot's frames have the prefix of a namespace.
+
+    RViz is in that namespace, as all topics are. But its Camera looks for camera_info from the root, unless
+    the topic of the pictures is absolute (getCameraInfoTopic of image_transport)."""
+    config = yaml.safe_load(text)
+    for display in config["Visualization Manager"]["Displays"]:
+        if "TF Prefix" in display:
+            display["TF Prefix"] = namespace
+        if display["Class"] == "rviz_default_plugins/Camera":
+            display["Topic"]["Value"] = f"/{namespace}/{display['Topic']['Value']}"
+    return str(yaml.safe_dump(config))
 
 
 def arguments(*own: tuple[str, Any, str]) -> list[Action]:
