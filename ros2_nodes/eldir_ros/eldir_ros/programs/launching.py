@@ -16,7 +16,6 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import yaml
 from launch.action import Action
 from launch.actions import DeclareLaunchArgument, OpaqueFunction, RegisterEventHandler, Shutdown, TimerAction
 from launch.conditions import IfCondition
@@ -96,13 +95,8 @@ def in_namespace(text: str, namespace: str) -> str:
 
     RViz is in that namespace, as all topics are. But its Camera looks for camera_info from the root, unless
     the topic of the pictures is absolute (getCameraInfoTopic of image_transport)."""
-    config = yaml.safe_load(text)
-    for display in config["Visualization Manager"]["Displays"]:
-        if "TF Prefix" in display:
-            display["TF Prefix"] = namespace
-        if display["Class"] == "rviz_default_plugins/Camera":
-            display["Topic"]["Value"] = f"/{namespace}/{display['Topic']['Value']}"
-    return str(yaml.safe_dump(config))
+    text = text.replace('TF Prefix: ""', f"TF Prefix: {namespace}")
+    return text.replace("Value: camera/image_raw", f"Value: /{namespace}/camera/image_raw")
 
 
 def arguments(*own: tuple[str, Any, str]) -> list[Action]:
