@@ -1,7 +1,8 @@
-"""The guardian that tests of its client play."""
+"""The guardian that tests of its client play, and the wire to the guardian's process."""
 
 import pytest
 
+from tests.hardware.guardian.recording_controller import signals, wires  # noqa: F401
 from tests.hardware.guardian.scripted_guardian import scripted_guardian
 
 
