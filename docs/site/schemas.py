@@ -10,6 +10,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
+import benchmark_results
 import results
 from pydantic.json_schema import GenerateJsonSchema
 
@@ -40,12 +41,12 @@ from eldir_hardware.schedule import ActuationSchedule
 SCHEMAS = Path(__file__).parents[1] / "schemas"
 FORMATS: dict[str, tuple[type, str]] = {
     "adaptation": (Adaptation, "Runs of a robot that learns on the table"),
-    "benchmark-accuracy": (results.Accuracy, "Result of eldir benchmark accuracy"),
-    "benchmark-built": (results.Built, "Result of eldir benchmark built"),
-    "benchmark-device": (results.Device, "Result of eldir benchmark speed --device"),
-    "benchmark-skips": (results.Skips, "Result of eldir benchmark skips"),
-    "benchmark-speed": (results.Speed, "Result of eldir benchmark speed"),
-    "benchmark-stability": (results.Stability, "Result of eldir benchmark stability"),
+    "benchmark-accuracy": (benchmark_results.Accuracy, "Result of eldir benchmark accuracy"),
+    "benchmark-built": (benchmark_results.Built, "Result of eldir benchmark built"),
+    "benchmark-device": (benchmark_results.Device, "Result of eldir benchmark speed --device"),
+    "benchmark-skips": (benchmark_results.Skips, "Result of eldir benchmark skips"),
+    "benchmark-speed": (benchmark_results.Speed, "Result of eldir benchmark speed"),
+    "benchmark-stability": (benchmark_results.Stability, "Result of eldir benchmark stability"),
     "board": (results.Board, "A relay board that is driven or stopped"),
     "built-scene": (PrintedScene, "The printed robot as identified from films"),
     "camera": (Lens, "Lens of one camera"),
