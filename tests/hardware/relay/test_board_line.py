@@ -1,4 +1,7 @@
-"""The serial line under every driver, on real pseudo-terminals: what is lost, late, stale or refused."""
+"""The serial line under every driver, on real pseudo-terminals: what is lost, late, stale or refused.
+
+On a port of these tests: how many bytes are asked for, and when.
+"""
 
 import errno
 import os
@@ -141,3 +144,87 @@ def test_closing_frees_the_port():
     with wired() as (line, _):
         line.close()
         SerialLine(line.url, 9600, WallClock()).close()
+
+
+# On a port of these tests.
+
+
+class Port:
+    """A port with bytes to read, which notes how many were asked for, and how long they may take."""
+
+    timeout = 0.0
+
+    def __init__(self, data: bytes):
+        self.data, self.reads = data, []
+
+    def read(self, count: int) -> bytes:
+        self.reads.append((count, round(self.timeout, 4)))
+        found, self.data = self.data[:count], self.data[count:]
+        return found
+
+    def reset_input_buffer(self) -> None:
+        pass
+
+    def send(self, data: bytes, baud: int, patience: float) -> None:
+        pass
+
+    def read_until(self, end: bytes, most: int) -> bytes:
+        length = self.data.find(end) + len(end)
+        return self.read(length or most)
+
+
+def line_on(data: bytes) -> SerialLine:
+    """A line whose port gives these bytes."""
+    line = object.__new__(SerialLine)
+    line._clock, line.url, line.baud, line.bytes_written = VirtualClock(), "wire", 9600, 0
+    line._port = line._output = Port(data)
+    line.sent_at = 0.0
+    return line
+
+
+def test_the_end_of_an_answer_is_noticed_by_a_pause():
+    """Not by the time that the longest one would take."""
+
+    line = line_on(b"")
+    for answer, reads in ((b"abc", [(2, 1)]), (b"ab", [(2, 1)]), (b"abcdefg", [(2, 1)])):
+        line._port = Port(answer)
+        assert line.query_until_idle(b"?", 2, 5) == answer, "what is too long is not cut"
+        assert [count for count, _ in line._port.reads] == [2, *[1] * (len(answer) - 1)], reads
+        assert {t for _, t in line._port.reads[1:]} == {0.06}
+    line._port = Port(b"a")
+    with pytest.raises(GarbledReplyError, match="expected 2 bytes; found 61;"):
+        line.query_until_idle(b"?", 2, 5)
+
+
+def test_a_port_is_opened_exclusively_and_at_the_boards_speed(monkeypatch):
+    done: list[object] = []
+
+    def opened(url: str, **options: object) -> object:
+        done.append((url, options))
+        return nothing
+
+    monkeypatch.setattr("serial.serial_for_url", opened)
+    with open("/dev/null", "rb") as nothing:
+        SerialLine("/dev/x", 19200, WallClock())
+    assert done == [("/dev/x", {"baudrate": 19200, "exclusive": True})]
+
+
+def test_questions_that_may_have_no_answer_leave_time_for_it():
+    """And the last of them a pause, after which no answer comes any more."""
+    line = line_on(b"abcdef")
+    written: list[tuple[float, bytes]] = []
+    line.write = lambda data: written.append((line._clock.now(), data))
+    assert line.query_each([b"12", b"34", b"56"], 3) == b"abcdef"
+    assert written == [(0.0, b"12"), (0.0, b"34"), (pytest.approx(5 * 10 / 9600), b"56")]
+    assert line._port.reads == [(9, 0.06)]
+    assert line._clock.now() == pytest.approx(2 * 5 * 10 / 9600)
+
+
+def test_behind_a_late_answer_one_more_is_read_and_no_other():
+    late = {b"a>": True, b"b>": True}
+    line = line_on(b"a>b>c>d>")
+    assert line.query_until(b"?", b">", 9, lambda data: late.get(data, False)) == b"c>"
+    assert len(line._port.reads) == 3
+    line = line_on(b"a>")
+    assert line.query_until(b"?", b">", 9, lambda data: late.get(data, False)) == b"a>"
+    assert len(line._port.reads) == 2, "nothing follows"
