@@ -4,11 +4,7 @@
 
 with xi the martensite fraction, which falls while heating (L > 0 is then absorbed). Neighbours are springs at
 the same hub; G is 0 by default, and each spring is then a problem of its own. The kinetics are
-Liang and Rogers' cosines. Written for a change from T to T' they need no memory of the point where the
-temperature reversed, and minor loops start from the fraction at that point:
-
-    heating   xi' = xi gA(T')/gA(T)                      gA = [cos(pi (T - As)/(Af - As)) + 1]/2
-    cooling   1 - xi' = (1 - xi) (1 - gM(T'))/(1 - gM(T))   gM = [cos(pi (T - Mf)/(Ms - Mf)) + 1]/2
+Liang and Rogers' cosines.
 """
 
 from __future__ import annotations
@@ -22,6 +18,7 @@ from math import cos, exp, pi
 
 import numpy as np
 
+from eldir.built._kinetics import Kinetics
 from eldir.core.arguments import require_count, require_shape, require_value
 from eldir.core.records import BoolArray, FloatArray, IntArray, Record
 from eldir.parameters.springs import SpringParameters
@@ -74,38 +71,6 @@ class SpringHistory(Record):
         return SpringState(self.temperature[-1], self.martensite[-1])
 
 
-class _Kinetics:
-    """The two cosines of the kinetics of A springs, evaluated together."""
-
-    def __init__(self, parameters: Sequence[SpringParameters]):
-        self.low = np.array(
-            [[p.austenite_start for p in parameters], [p.martensite_finish for p in parameters]]
-        )
-        self.high = np.array(
-            [[p.austenite_finish for p in parameters], [p.martensite_start for p in parameters]]
-        )
-        self.scale = np.pi / (self.high - self.low)
-
-    def cosines(self, temperature: FloatArray) -> FloatArray:
-        """gA, the martensite left by heating, and 1 - gM, the austenite left by cooling, shape (2, A)."""
-        angle = np.minimum(np.maximum((temperature - self.low) * self.scale, 0.0), np.pi)
-        cosine = np.cos(angle)
-        cosine[1] *= -1.0
-        return (cosine + 1.0) / 2.0
-
-    def austenite_left(self, temperature: FloatArray) -> FloatArray:
-        """The second of these cosines, at temperatures of shape (..., A)."""
-        angle = (temperature - self.low[1]) * self.scale[1]
-        return (1.0 - np.cos(np.minimum(np.maximum(angle, 0.0), np.pi))) / 2.0
-
-    @staticmethod
-    def fraction(xi: FloatArray, before: FloatArray, heating: BoolArray, after: FloatArray) -> FloatArray:
-        """The martensite after a monotone change of the cosines from `before` to `after`."""
-        ratio = np.divide(after, before, out=np.zeros_like(before), where=before > 0)
-        np.minimum(ratio, 1.0, out=ratio)
-        return np.where(heating, xi * ratio[0], 1.0 - (1.0 - xi) * ratio[1])
-
-
 class _Exchange:
     """Heat that passes between springs at the same hub."""
 
@@ -153,7 +118,7 @@ class HeatModel:
         def gather(name: str) -> FloatArray:
             return np.array([getattr(p, name) for p in parameters], dtype=np.float64)
 
-        self._kinetics = _Kinetics(parameters)
+        self._kinetics = Kinetics(parameters)
         self._ambient, self._loss = gather("ambient"), gather("loss")
         self._sensible = gather("mass") * gather("heat_capacity")
         self._latent = gather("mass") * gather("latent_heat")
@@ -387,7 +352,7 @@ def austenite_after_loop(min_c: float, max_c: float, parameters: SpringParameter
     each time; real springs return to the same fraction (return-point memory). This is what the first swing
     leaves.
     """
-    kinetics = _Kinetics([parameters])
+    kinetics = Kinetics([parameters])
     (left_by_heating, hot), (_, cold) = (kinetics.cosines(np.array([t]))[:, 0] for t in (max_c, min_c))
     return float((1.0 - left_by_heating) * min(1.0, cold / hot)) if hot > 0 else 0.0
 
