@@ -20,6 +20,8 @@ from rosbags.typesys.store import Typestore
 from tests.paths import ROOT
 
 STUBS = ROOT / "ros2_nodes" / "stubs"
+NOW = 1_753_000_000_123_456_789
+"""A time of day of messages in these tests [ns]."""
 
 
 @cache
