@@ -13,14 +13,7 @@ from scipy.spatial.transform import Rotation
 from eldir_hardware.camera.plane import CameraPose, Plane, TagBoard
 from eldir_hardware.camera.projection import DiscPoses
 from eldir_hardware.markers.registration import DISC_DIAMETER
-from eldir_ros.conversions import (
-    detections,
-    frames,
-    marks,
-    nanoseconds,
-    reference,
-    robot,
-)
+from eldir_ros.conversions import detections, frames, marks, nanoseconds, reference, robot
 from tests.ros2_nodes.message_types import NOW, passed
 
 

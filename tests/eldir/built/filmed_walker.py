@@ -33,8 +33,9 @@ def identified() -> PrintedScene:
 
 
 @pytest.fixture(scope="session")
-def recording() -> Recording:
-    return filmed()
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Recording:
+    """Filmed once, for all folders and processes of a run."""
+    return made_once(tmp_path_factory, "walker_film", filmed)
 
 
 @pytest.fixture(scope="session")
