@@ -9,7 +9,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.sparse.linalg import LinearOperator, eigsh
 
 from eldir.core.records import FloatArray
 
@@ -119,6 +118,8 @@ def _largest_eigenvalue(terms: Terms) -> float:
         return float(np.linalg.eigvalsh(scaled.T @ scaled)[-1])
     if not scaled.any():
         return 0.0
-    square = LinearOperator((n, n), matvec=lambda v: scaled.T @ (scaled @ v), dtype=float)
+    from scipy.sparse import linalg  # a fifth of a second, and only large robots need it
+
+    square = linalg.LinearOperator((n, n), matvec=lambda v: scaled.T @ (scaled @ v), dtype=float)
     start = np.random.default_rng(0).standard_normal(n)
-    return float(eigsh(square, 1, which="LA", v0=start, tol=1e-9, return_eigenvectors=False)[0])
+    return float(linalg.eigsh(square, 1, which="LA", v0=start, tol=1e-9, return_eigenvectors=False)[0])

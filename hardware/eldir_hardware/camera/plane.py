@@ -9,7 +9,6 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
-from scipy.spatial.transform import Rotation
 
 from eldir.core.arguments import length_quantity
 from eldir.core.records import Array, FileRecord, FloatArray, Record, record
@@ -259,10 +258,14 @@ def _central_point(plane: Plane) -> FloatArray:
 
 def to_quaternion(rotation: FloatArray) -> tuple[float, float, float, float]:
     """Quaternion x, y, z, w of a rotation matrix (3, 3), with w >= 0."""
+    from scipy.spatial.transform import Rotation  # a quarter of a second, and only messages need it
+
     x, y, z, w = Rotation.from_matrix(rotation).as_quat(canonical=True).tolist()
     return x, y, z, w
 
 
 def from_quaternion(x: float, y: float, z: float, w: float) -> FloatArray:
     """Rotation matrix (3, 3) of a quaternion."""
+    from scipy.spatial.transform import Rotation
+
     return np.asarray(Rotation.from_quat([x, y, z, w]).as_matrix())
