@@ -107,7 +107,7 @@ class Search(HiddenRig):
         motors = self.design.morphology.motors
         longest = {period: max_pulse_in_period(self.rig, period) for period in PERIODS}
         whole = [
-            _make_gait(period, phase / PHASES, [pulse] * motors)
+            make_gait(period, phase / PHASES, [pulse] * motors)
             for period, pulse in longest.items()
             for phase in range(PHASES if motors > 1 else 1)
             if pulse > 0
@@ -117,10 +117,10 @@ class Search(HiddenRig):
         for gait, _ in found[:_REFINED]:
             pulse, phase = longest[gait.period], float(gait.phase[-1])
             parts = [one for one in product(PULSES, repeat=motors) if min(one) < 1]
-            more += [_make_gait(gait.period, phase, [part * pulse for part in one]) for one in parts]
+            more += [make_gait(gait.period, phase, [part * pulse for part in one]) for one in parts]
             if motors > 1:
                 between = [phase + by / PHASES for by in (-0.5, 0.5)]
-                more += [_make_gait(gait.period, p % 1.0, [pulse] * motors) for p in between]
+                more += [make_gait(gait.period, p % 1.0, [pulse] * motors) for p in between]
         return sorted(found + self._ranked(more), key=lambda one: -one[1])
 
     def _ranked(self, gaits: Sequence[Gait]) -> list[tuple[Gait, float]]:
@@ -131,13 +131,14 @@ class Search(HiddenRig):
         """The best walk in the engine of all phases with this pulse in 30 and in 40 s."""
         motors = self.design.morphology.motors
         gaits = [
-            _make_gait(period, phase / PHASES, [pulse] * motors)
+            make_gait(period, phase / PHASES, [pulse] * motors)
             for period, phase in product((30.0, 40.0), range(PHASES if motors > 1 else 1))
         ]
         return float(robot.engine_walks(gaits).max())
 
 
-def _make_gait(period: float, phase: float, pulses: Sequence[float]) -> Gait:
+def make_gait(period: float, phase: float, pulses: Sequence[float]) -> Gait:
+    """A gait with these pulses [s], whose second motor is `phase` of a period later."""
     phases = np.array([0.0, phase][: len(pulses)])
     return Gait(period, phases, np.array(pulses) / period)
 

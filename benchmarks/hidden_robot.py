@@ -28,7 +28,7 @@ from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.template import CURRENT_LIMIT_A, virtual_rig
 from eldir_hardware.run.drive import DriveConfig, drive_rig
 from eldir_hardware.schedule import ActuationSchedule
-from eldir_hardware.virtual.bodies import sample_large_spread
+from eldir_hardware.virtual.bodies import far_robot
 from eldir_hardware.virtual.mujoco_body import sample_multibody
 
 _ASSUMED = "tolerances: {current: 0.05, ambient_min_c: 18, ambient_max_c: 30,"
@@ -47,8 +47,7 @@ class HiddenRobot:
 
     @cached_property
     def _far(self) -> RobotParameters:
-        nominal, measured = RobotParameters(springs=self.rig.spring_parameters()), self.rig.tolerances
-        return sample_large_spread(nominal, self.rig.virtual.seed, measured=measured.measured_fields)
+        return far_robot(self.rig)
 
     @cached_property
     def springs(self) -> tuple[SpringParameters, ...]:

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.headroom import Search
+from benchmarks.headroom import Search, make_gait
 from benchmarks.hidden_robot import HiddenRobot, Rows
 from eldir.built.gait import SETTLE, Gait, heat_faces
 from eldir.built.gait_search import find_gait
@@ -31,11 +31,10 @@ from eldir_calibration.adaptation.films import nominal_robot
 from eldir_calibration.adaptation.heat import peak_temperatures
 from eldir_calibration.dynamics.belief import believe
 from eldir_calibration.dynamics.recording import INTERVAL, FilmedBody, Recording, find_fall
-from eldir_hardware.planning.compiler import compile_schedule
 from eldir_hardware.planning.plan import heating_limits
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.sections import calibration_entry
-from eldir_hardware.rig.supply import LimitError
+from eldir_hardware.safety.margins import SUPPLY_STEP
 
 _TIMINGS = (30.0, 6.0), (40.0, 6.0), (30.0, 4.0)  # periods and pulses that are tried [s]
 _CURRENT = {"current": 0.02}
@@ -75,18 +74,14 @@ def _peaks(place: Search) -> dict[str, Any]:
     recording = _film(robot, gait, place.seed)
     faces = np.repeat(np.arange(design.morphology.motors), 2)
     springs = heat(recording.contact_shares[:, faces], INTERVAL, robot.springs).temperature.max(axis=0)
+    found: dict[str, Any] = {"true_c": float(springs.reshape(-1, 2).mean(axis=1).max())}
     fall = find_fall(build(design.morphology).positions[design.marks], recording.tracked)
     if fall is not None:
-        return {"true_c": float(springs.reshape(-1, 2).mean(axis=1).max()), "fall_s": fall}
+        return found | {"fall_s": fall}
     body = FilmedBody(design.morphology, design.marks, design.ballast / 2)
     belief = believe(body, [recording], nominal_robot(place.rig))
-    peaks = peak_temperatures(belief, place.rig.spring_parameters(), recording.contact_shares).max(axis=1)
-    return {
-        "true_c": float(springs.reshape(-1, 2).mean(axis=1).max()),
-        "believed_c": float(peaks.mean()),
-        "deviation_c": float(peaks.std()),
-        "misfit": belief.misfit,
-    }
+    peaks = peak_temperatures(belief, recording.contact_shares, place.rig.spring_parameters().current_limit)
+    return found | {"believed_c": float(peaks.mean()), "deviation_c": float(peaks.std())}
 
 
 def _film(robot: HiddenRobot, gait: Gait, seed: int) -> Recording:
@@ -131,30 +126,21 @@ def _walks(place: Search) -> dict[str, Any]:
 
 
 def _highest_current(rig: Rig, period: float, pulse: float) -> float:
-    """In steps of 0.05 A."""
+    """With which the rig allows such pulses, in steps of a supply [A]; 0 if with none."""
+    gait = make_gait(period, 0.0, [pulse])
 
     def allows(current: float) -> bool:
         supply = rig.supply.model_copy(update={"current_limit_a": current})
-        try:
-            compile_schedule(
-                Gait(period, np.zeros(1), np.array([pulse / period])),
-                rig.model_copy(update={"supply": supply}),
-            )
-        except LimitError:
-            return False
-        return True
+        return heating_limits(rig.model_copy(update={"supply": supply})).allowed(gait)
 
-    steps = [round(0.05 * k, 2) for k in range(20, 140)]
-    return max((current for current in steps if allows(current)), default=0.0)
+    steps = (round(SUPPLY_STEP * k, 2) for k in range(140, 20, -1))
+    return next((current for current in steps if allows(current)), 0.0)
 
 
 def _best_walk(place: Search, robot: HiddenRobot, timings: Sequence[tuple[float, float]]) -> float:
     motors = place.design.morphology.motors
-    gaits = [
-        Gait(period, np.array([0.0, phase / PHASES][:motors]), np.full(motors, pulse / period))
-        for period, pulse in timings
-        for phase in range(PHASES if motors > 1 else 1)
-    ]
+    phases = range(PHASES if motors > 1 else 1)
+    gaits = [make_gait(period, k / PHASES, [pulse] * motors) for period, pulse in timings for k in phases]
     return float(np.maximum(robot.engine_walks(gaits), -9.0).max())
 
 

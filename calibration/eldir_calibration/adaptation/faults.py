@@ -15,7 +15,7 @@ from eldir.built.heat import HeatModel
 from eldir.built.robot import build
 from eldir.core.records import FloatArray
 from eldir.parameters.springs import SpringParameters
-from eldir_calibration.adaptation.heat import believe_heat, find_safe_current, spring_strokes
+from eldir_calibration.adaptation.heat import SURE, believe_heat, find_safe_current, spring_strokes
 from eldir_calibration.adaptation.runs import Fault
 from eldir_calibration.dynamics.belief import Belief
 from eldir_calibration.dynamics.recording import INTERVAL, FilmedBody, Recording, find_fall
@@ -30,7 +30,6 @@ _MIN_EXPLAINED = 0.96
 0.95."""
 _MAX_COLD = 0.55
 """Springs are too cold if they use at most this part of their stroke."""
-_SURE = 1.64  # standard deviations on one side: 95 %
 _MAX_REST = 1e-3
 """A foot rests if its marker keeps within this [m], six standard deviations of the camera's noise."""
 _MIN_SHAPE = 1e-3
@@ -86,7 +85,7 @@ def _find_weak_supply(number: int, film: RobotFilms) -> tuple[Fault, ...]:
 
 def _find_idle_motors(number: int, film: RobotFilms, belief: Belief) -> tuple[Fault, ...]:
     (recording,) = film.recordings
-    _, strokes = spring_strokes(belief, film.nominal.springs, recording)
+    _, strokes = spring_strokes(belief, recording, film.nominal.springs.current_limit)
     mean = strokes.mean(axis=0)
     idle = [a for a, stroke in enumerate(mean) if stroke <= _MAX_IDLE * mean.max()]
     working = [a for a in range(len(mean)) if a not in idle]
@@ -114,7 +113,7 @@ def _find_hot_springs(number: int, film: RobotFilms, belief: Belief, limit_c: fl
             number,
             "hot",
             f"the springs get hotter than the limit of {limit_c:g} C: the film tells {heat.peak_c:.0f} C "
-            f"({low:.0f} to {high:.0f}), so they have more current or less air than the rig file says",
+            f"({low:.0f} to {high:.0f}), so they have more current or are cooled less than the rig file says",
             f"lower the current limit to {lower:.2f} A, at the supply and in the rig file, or measure the "
             "current and the springs (eldir calibrate springs)",
         ),
@@ -122,9 +121,9 @@ def _find_hot_springs(number: int, film: RobotFilms, belief: Belief, limit_c: fl
 
 
 def _find_cold_springs(number: int, film: RobotFilms, belief: Belief) -> tuple[Fault, ...]:
-    used, _ = spring_strokes(belief, film.nominal.springs, film.recordings[0])
+    used, _ = spring_strokes(belief, film.recordings[0], film.nominal.springs.current_limit)
     mean = used.mean(axis=0)
-    if not belief.explains or (mean + _SURE * used.std(axis=0)).max() > _MAX_COLD:
+    if not belief.explains or (mean + SURE * used.std(axis=0)).max() > _MAX_COLD:
         return ()
     return (
         Fault(

@@ -17,7 +17,6 @@ from eldir.core.records import FloatArray, IntArray
 from eldir.design import Design
 from eldir.errors import InputError, describe
 from eldir.parameters.printed import BuiltParameters
-from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
 from eldir_hardware.clock import Clock, VirtualClock, WallClock
 from eldir_hardware.guardian.bank import HeaterBank
@@ -345,14 +344,12 @@ def _open_virtual(
     on_body: Callable[[BodyFrame], None],
     room_c: float | None,
 ) -> Iterator[OpenedRig]:
-    from eldir_hardware.virtual.bodies import sample_large_spread
+    from eldir_hardware.virtual.bodies import far_robot
 
     rig.require_motors(design.morphology.motors)
     printed, springs = None, rig.spring_parameters()
     if rig.virtual.parameter_spread == "large":
-        far = sample_large_spread(
-            RobotParameters(springs=springs), rig.virtual.seed, measured=rig.tolerances.measured_fields
-        )
+        far = far_robot(rig)
         printed, springs = far.printed, far.springs
     entry = rig.camera if isinstance(rig.camera, VirtualCameraEntry) else None
     with _open_body(rig, design, springs, printed) as body, VirtualRig(rig, body, springs) as virtual:

@@ -17,7 +17,8 @@ _CURRENT_SEARCH = (2.0, 0.01)  # [A]
 _AMBIENT_SEARCH = (40.0, 0.1)  # [K]
 _PULSE_SEARCH = (6.0, 0.02)  # [s]
 _LIMIT_SEARCH = (2.0, 0.005)  # [A]
-_LIMIT_STEP = 0.05  # of the supply's current limit that is advised [A]
+SUPPLY_STEP = 0.05
+"""Step of a supply's current limit that is advised [A]."""
 _MEASURED_AIR = 3.0  # tolerance of the air's temperature if it is measured before each run [K]
 
 
@@ -107,8 +108,8 @@ def _with_highest_current(schedule: ActuationSchedule, rig: Rig) -> Rig | None:
         return True
 
     highest = own + _largest_allowed(holds, search, tolerance)
-    highest = _LIMIT_STEP * math.floor(highest / _LIMIT_STEP + 1e-6)
-    return with_limit(highest) if highest > own + _LIMIT_STEP / 2 else None
+    highest = SUPPLY_STEP * math.floor(highest / SUPPLY_STEP + 1e-6)
+    return with_limit(highest) if highest > own + SUPPLY_STEP / 2 else None
 
 
 def coldest_peak_and_stroke(schedule: ActuationSchedule, rig: Rig) -> tuple[float, float]:

@@ -9,7 +9,7 @@ from dataclasses import replace
 from importlib.util import find_spec
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal
 
 import numpy as np
 
@@ -22,11 +22,11 @@ from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
 from eldir.parameters.wiring import FACES
 from eldir.terrain import Terrain
+from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.virtual.rig import DrivenBody
 
 Physics = Literal["eldir", "mujoco"]
 Dimensions = Literal[2, 3]
-_Part = TypeVar("_Part", BuiltParameters, SpringParameters)
 _SAMPLED_FIRST = "cold_length", "hot_length"
 """Springs' fields before the others, by which seeds give the same robots as before."""
 
@@ -74,12 +74,18 @@ def physics_version(physics: Physics) -> str:
     return f"eldir {__version__}"
 
 
+def far_robot(rig: Rig) -> RobotParameters:
+    """The robot of a virtual rig with `parameter_spread: large`."""
+    nominal, known = RobotParameters(springs=rig.spring_parameters()), rig.tolerances.measured_fields
+    return sample_large_spread(nominal, rig.virtual.seed, measured=known)
+
+
 def sample_large_spread(
     nominal: RobotParameters, seed: int, *, measured: Collection[str] = ()
 ) -> RobotParameters:
     """A robot far from the nominal one, for an identification on a virtual rig: as far as each `LargeSpread`
     says, and in all other fields as printed robots differ. With more, it would fall or stand still.
-    `measured`: fields that stay within the rig's tolerances; the others are as without it."""
+    `measured`: fields of its springs that stay nominal; the others are as without it."""
     rng = np.random.default_rng([seed, 4])
     built, springs = nominal.printed, nominal.springs
     spreads = dict(
@@ -94,12 +100,11 @@ def sample_large_spread(
         factors.update((name, spreads[name].sample(rng)) for name in own if name not in factors)
         return {name: getattr(part, name) * factors[name] for name in own}
 
-    def far(part: _Part, perturbed: _Part) -> _Part:
-        return replace(perturbed, **{k: v for k, v in values(part).items() if k not in measured})
-
-    built = far(built, built.perturb(rng))
+    built = replace(built.perturb(rng), **values(built))
     built = replace(built, hot_stiffness=built.hot_stiffness * hot_to_cold)
-    return RobotParameters(built, far(springs, springs.perturb(rng)))
+    springs = replace(springs.perturb(rng), **values(springs))
+    known = {name: getattr(nominal.springs, name) for name in measured}
+    return RobotParameters(built, replace(springs, **known))
 
 
 class EngineBody:

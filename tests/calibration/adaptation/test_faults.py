@@ -84,12 +84,12 @@ def test_a_film_in_which_both_motors_work_shows_no_fault(belief: Belief) -> None
 
 def test_springs_that_use_little_of_their_stroke_are_too_cold() -> None:
     belief = believed(BOTH_COLD)
-    used, strokes = spring_strokes(belief, SPRINGS, film(0, 1))
+    used, strokes = spring_strokes(belief, film(0, 1), SPRINGS.current_limit)
     possible = SPRINGS.hot_length - SPRINGS.cold_length
     assert used.shape == (8, 2) and 0.0 < used.max() < 0.5
     np.testing.assert_allclose(strokes, used * possible)
     assert kinds(film(0, 1), belief) == ["cold"]
-    full, _ = spring_strokes(believed(BOTH_WORK), SPRINGS, film(0, 1))
+    full, _ = spring_strokes(believed(BOTH_WORK), film(0, 1), SPRINGS.current_limit)
     np.testing.assert_allclose(full, 1.0, atol=0.02)
 
 
@@ -98,7 +98,7 @@ def test_springs_above_the_limit_come_first() -> None:
     belief, seen = believed(BOTH_HOT), films(film(0, 1))
     peak = steady_peak(PARAMETERS["current"].at(SPRINGS, BOTH_HOT[0]))
     heat = believe_heat(belief, seen)
-    used, _ = spring_strokes(belief, SPRINGS, film(0, 1))
+    used, _ = spring_strokes(belief, film(0, 1), SPRINGS.current_limit)
     assert heat.peak_c == pytest.approx(peak, abs=0.5)
     assert heat.stroke_used == pytest.approx(used.mean(), abs=1e-3)
     low, high = heat.peak_interval
@@ -114,6 +114,13 @@ def test_springs_above_the_limit_come_first() -> None:
     assert not keeps_limit(belief, seen, at_file + 7.0, measured, 0.02)
     assert not find_faults(2, seen, belief, peak + 1.0)
     assert not find_faults(2, seen, replace(belief, misfit=1.5), peak - 1.0), "it explains nothing"
+
+
+def test_springs_are_heated_in_the_air_that_was_measured() -> None:
+    """The belief's air; the film's rig file has another one."""
+    seen, cool = films(film(0, 1)), believed(BOTH_WORK)
+    warm = replace(cool, nominal=replace(NOMINAL, springs=replace(SPRINGS, ambient=SPRINGS.ambient + 6.0)))
+    assert believe_heat(warm, seen).peak_c > believe_heat(cool, seen).peak_c + 4.0
 
 
 def steady_peak(springs: SpringParameters) -> float:

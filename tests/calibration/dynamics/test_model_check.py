@@ -66,18 +66,18 @@ def test_chance_hides_no_wrong_model(recording: Recording) -> None:
     parted = 3e-3 * rng.standard_normal((7, 1, 10)) * (2 + np.sin(t)[:, None])
     smooth = 0.4e-3 * np.sin(t)[:, None, None] * np.ones((5, 2))
 
-    def judged(wrong: np.ndarray, chance: np.ndarray) -> ModelCheck:
+    def judge(wrong: np.ndarray, chance: np.ndarray) -> ModelCheck:
         return check_model([film], [smooth * wrong[:, None, None]], [parted * chance[:, None]])
 
     never, always = t < 0, t >= 0
-    found = judged(never, t > 50)
+    found = judge(never, t > 50)
     assert within_noise(found) and found.excluded_s == (pytest.approx(t[-1] - 50, abs=1.5),)
-    assert not within_noise(judged(always, t > 50)), "millimetres of chance hid what was left before"
-    assert judged(t > 52, t > 50).unexplained < 0.05e-3, "what is left after they parted was counted"
-    assert judged(never, never).excluded_s == (0.0,) and within_noise(judged(never, (t > 30) & (t < 32)))
-    early = judged(never, t > 39)
+    assert not within_noise(judge(always, t > 50)), "millimetres of chance hid what was left before"
+    assert judge(t > 52, t > 50).unexplained < 0.05e-3, "what is left after they parted was counted"
+    assert judge(never, never).excluded_s == (0.0,) and within_noise(judge(never, (t > 30) & (t < 32)))
+    early = judge(never, t > 39)
     assert early.unexplained < early.limit < 0.15e-3 and not early.is_decidable and not within_noise(early)
-    nothing = judged(never, always)
+    nothing = judge(never, always)
     assert not within_noise(nothing) and nothing.unexplained == 0 and not nothing.reproducible[0].any()
     told = model_of(early)
     first, second = describe_model(told)

@@ -33,7 +33,7 @@ from eldir_hardware.planning.compiler import compile_schedule
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.run.drive import drive_rig
 from eldir_hardware.safety.compatibility import with_digests
-from eldir_hardware.virtual.bodies import sample_large_spread
+from eldir_hardware.virtual.bodies import far_robot
 from tests.calibration.dynamics.hidden_rigs import heating
 from tests.eldir.random_design import make_design
 from tests.hardware.rigs_and_schedules import rig_text
@@ -230,7 +230,7 @@ def test_a_film_and_a_prediction_of_the_very_same_robot_agree(
 def true_robot(design: Design, rig: Rig) -> RobotParameters:
     """What the virtual rig's seed makes of a design."""
     seed = rig.virtual.seed
-    far = sample_large_spread(RobotParameters(springs=rig.spring_parameters()), seed)
+    far = far_robot(rig)
     straight = build(design.morphology, far)
     robot = build(design.morphology, far.printed, rng=np.random.default_rng([seed, 2]))
     springs = rig.spring_tolerances().perturb_by_seed(far.springs, seed)

@@ -7,7 +7,6 @@ import pytest
 
 from eldir.built.heat import heat
 from eldir.errors import EldirError
-from eldir.parameters.robot import RobotParameters
 from eldir_hardware.clock import VirtualClock
 from eldir_hardware.guardian.pulse_controller import PulseController
 from eldir_hardware.planning.compiler import compile_schedule
@@ -15,7 +14,7 @@ from eldir_hardware.relay.errors import ContactError, RelayError
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.run.player import Player
 from eldir_hardware.schedule import ActuationSchedule
-from eldir_hardware.virtual.bodies import sample_large_spread
+from eldir_hardware.virtual.bodies import far_robot
 from eldir_hardware.virtual.rig import VirtualRig
 from eldir_hardware.virtual.springs import STEP
 from tests.hardware.rigs_and_schedules import gait, rig_with
@@ -127,7 +126,7 @@ def test_the_seed_decides():
 def test_a_far_rig_has_springs_of_its_own():
     """Their length, cold, is the far robot's, but for the scatter of one millimetre between its springs."""
     far = rig_with(virtual={"seed": 5, "parameter_spread": "large"})
-    springs = sample_large_spread(RobotParameters(springs=far.spring_parameters()), far.virtual.seed).springs
+    springs = far_robot(far).springs
     with VirtualRig(far, Piston(), springs) as virtual:
         frame = virtual.frame(virtual.clock.now() + 0.1)
     length = frame.positions[1, 0]
@@ -136,6 +135,14 @@ def test_a_far_rig_has_springs_of_its_own():
         < 3e-3
         < abs(springs.cold_length - far.springs.cold_length_mm * 1e-3)
     )
+
+
+@pytest.mark.parametrize(("tolerance", "measured"), [(0.05, False), (0.02, True)])
+def test_a_far_rig_has_the_current_of_its_file_where_that_was_measured(tolerance, measured):
+    far = rig_with(virtual={"seed": 5, "parameter_spread": "large"}, tolerances={"current": tolerance})
+    true, nominal = far_robot(far).springs, far.spring_parameters()
+    assert (true.current_limit == nominal.current_limit) is measured
+    assert true.convection_fan != nominal.convection_fan
 
 
 def at(t: float, fault):
