@@ -4,7 +4,8 @@ Each design stands on virtual rigs with `parameter_spread: large`, moved by MuJo
 its runs. With `--exhaustive` all phases are played on the same rig, and the best true walk is printed beside
 that of the schedule with which the adaptation ended. With `--compare` it is compared with a search without
 a model and with a model without films (`benchmarks.adaptation_comparison`); a rig is then a line in
-comparison.jsonl, and a later call computes those that are not in it.
+comparison.jsonl, and a later call computes those that are not in it. With `--follow-advice` the robot is
+adapted again on the rig that the adaptation advises (`benchmarks.adaptation_advice`).
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.adaptation_advice import follow_advice
 from benchmarks.adaptation_comparison import compare
 from benchmarks.hidden_robot import HiddenRig
 from eldir.built.robot import build
@@ -47,16 +49,21 @@ def main(arguments: Sequence[str] | None = None) -> None:
     )
     parser.add_argument("--exhaustive", action="store_true")
     parser.add_argument("--compare", action="store_true", help="with other ways to spend the runs")
+    parser.add_argument("--follow-advice", action="store_true", help="then with the current that it advises")
     given = parser.parse_args(arguments)
+    designs = [file.resolve() for file in given.designs]
     if given.compare:
-        compare([file.resolve() for file in given.designs], given.seeds, given.runs, given.out)
+        compare(designs, given.seeds, given.runs, given.out)
+        return
+    if given.follow_advice:
+        follow_advice(designs, given.seeds, given.runs, given.out)
         return
     rows: list[dict[str, Any]] = []
     print("| design | rig | runs: predicted, filmed | last schedule | best of all phases | processor [s] |")
     print("| --- | --- | --- | --- | --- | --- |")
-    for design_file in given.designs:
+    for design_file in designs:
         for seed in given.seeds:
-            bench = Bench(design_file.resolve(), seed, given.out / f"{len(rows) + 1:02d}", given.current)
+            bench = Bench(design_file, seed, given.out / f"{len(rows) + 1:02d}", given.current)
             rows.append(bench.row(given.runs, given.exhaustive))
             print(_describe(rows[-1]), flush=True)
     write_text(given.out / "adaptation-benchmark.json", json.dumps(rows, indent=2) + "\n")

@@ -19,6 +19,17 @@ from tests.ros2_nodes.message_types import STUBS
 MODULES = sorted((NODES / "eldir_ros").rglob("*.py"))
 INTERFACE = ROOT / "docs" / "reference" / "ros-interface.md"
 UNITS = {"s", "hz", "c"}
+READERS = (
+    "get_text",
+    "get_texts",
+    "get_number",
+    "get_flag",
+    "get_file",
+    "find_file",
+    "find_log",
+    "get_record",
+)
+"""Functions that read the parameter which their second argument names."""
 
 
 def test_what_runs_without_ros_imports_no_rclpy():
@@ -91,9 +102,7 @@ def test_every_parameter_is_read_and_every_one_that_is_read_is_declared():
         read = {
             c.args[1].value
             for c in calls
-            if isinstance(c.func, ast.Name)
-            and c.func.id in ("get_text", "get_texts", "get_number", "get_flag", "get_file", "find_file")
-            and isinstance(c.args[1], ast.Constant)
+            if isinstance(c.func, ast.Name) and c.func.id in READERS and isinstance(c.args[1], ast.Constant)
         }
         assert read <= {spec.name for spec in specs}, node
 

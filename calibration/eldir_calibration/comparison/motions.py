@@ -34,7 +34,12 @@ from eldir_hardware.schedule import ActuationSchedule
 from eldir_hardware.vision.out_of_plane import MarkerLoss
 from eldir_hardware.vision.pipeline import draw_overlay, track_frames
 from eldir_hardware.vision.printed_ground import NOT_DRAWN, ON_GROUND
-from eldir_hardware.vision.recording_setup import find_recorded_plane, marker_layout, read_attached_lens
+from eldir_hardware.vision.recording_setup import (
+    REPORTED_KEY,
+    find_recorded_lens,
+    find_recorded_plane,
+    marker_layout,
+)
 from eldir_hardware.vision.sources import LoggedFrames, Source
 from eldir_hardware.vision.tracking_quality import TrackingQuality
 
@@ -189,7 +194,7 @@ def track_run(run: LoggedRun, progress: Callable[[int], None]) -> TrackedRun:
     found = track_frames(source, plane, run.names, marker_layout(run.design), progress, run.rig.marker)
     frame = run.log.frame_from(run.schedule.start_of_cycles)
     frame = found.last_frame if frame is None else frame
-    lens = read_attached_lens(source)
+    lens = find_recorded_lens(source)
     standing = observe_standing(found, run.design, plane, None if lens is None else float(lens.focal_px[0]))
     s = run.schedule
     require_whole_cycle(standing, s.start_of_cycles + s.period_s, str(run.log.path))
@@ -225,13 +230,16 @@ def _heating(run: LoggedRun) -> HeatingRecord:
 
 def describe_camera(source: Source) -> str:
     """Description of how the camera of a log was calibrated."""
-    lens = read_attached_lens(source)
+    lens = find_recorded_lens(source)
     if lens is None:
         return "not calibrated: no lens file in the log; the distortion is found from the reference tags"
+    focal = f"focal length {lens.focal_px[0]:.1f} px"
+    if reported := lens.provenance.get(REPORTED_KEY):
+        return f"calibrated, {focal}, as {reported} has it; error unknown"
     low, high = lens.rms_interval_px
     when = lens.provenance.get("made", "at an unknown time")
     error = f"error {lens.rms_px:.2f} px ({low:.2f} to {high:.2f})"
-    return f"calibrated {when}, focal length {lens.focal_px[0]:.1f} px, {error}"
+    return f"calibrated {when}, {focal}, {error}"
 
 
 def describe_plane(plane: Plane) -> str:

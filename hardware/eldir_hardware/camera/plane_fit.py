@@ -39,7 +39,7 @@ _MIRRORED_REMEDY = (
 
 
 class WrongLensError(InputError):
-    """The lens file belongs to another camera than the one that took the pictures."""
+    """The lens is that of another camera than the one that took the pictures."""
 
     code = "camera.wrong-lens"
 
@@ -190,7 +190,7 @@ def _require_matching_lens(lens: Lens, plane: Plane, pixels: FloatArray) -> None
     error = plane.half_diagonal_px * abs(np.dot(plane.radial - lens.radial, [r**3, r**5]))
     if error > _MAX_LENS_ERROR:
         raise WrongLensError(
-            "the lens file belongs to another lens or zoom setting",
+            "the calibration is that of another lens or zoom setting",
             expected=f"the distortion that the tags show, to {_MAX_LENS_ERROR:g} px",
             found=f"a difference of {error:.1f} px at the outermost tag",
             remedy="calibrate this camera again",

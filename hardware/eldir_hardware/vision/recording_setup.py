@@ -22,6 +22,8 @@ from eldir_hardware.markers.registration import DEFAULT_KIND, require_kind
 from eldir_hardware.rig.addresses import is_camera
 from eldir_hardware.vision.sources import LoggedFrames, Source, open_source, recording_time
 
+REPORTED_KEY = "reported_by"
+"""In a lens's provenance: the message that it comes from, which tells no errors."""
 CALIBRATION_FRAMES = 10
 """Number of frames whose mean gives the plane, so that noise at the tags' corners averages out."""
 
@@ -37,12 +39,14 @@ def read_attached_board(source: Source) -> TagBoard | None:
     return read_attachment(source.attachments, source.name, "tags.json", TagBoard.from_json)
 
 
-def read_attached_lens(source: Source) -> Lens | None:
-    """The calibrated lens that is attached to a log; None without. Raises `InputError` if it has expired."""
+def find_recorded_lens(source: Source) -> Lens | None:
+    """The calibrated lens that a log keeps, as a file or as its camera reported it; None for every other
+    source. Raises `InputError` if the file has expired."""
     lens = read_attachment(source.attachments, source.name, "camera.json", Lens.from_json)
     if lens is not None:
         require_not_expired(lens.provenance, recording_time(source), f"camera.json in {source.name}")
-    return lens
+        return lens
+    return _read_reported_lens(source) if isinstance(source, LoggedFrames) else None
 
 
 def find_recorded_plane(source: Source) -> Plane:
@@ -69,9 +73,9 @@ def find_recorded_plane(source: Source) -> Plane:
             remedy="give their places with --tags, or give a calibrated --plane",
         )
     try:
-        return calibrate_from_frames(source, board, read_attached_lens(source), **extra)
+        return calibrate_from_frames(source, board, find_recorded_lens(source), **extra)
     except WrongLensError as error:
-        return calibrate_from_frames(source, board, remark=f"camera.json is not used: {error}.")
+        return calibrate_from_frames(source, board, remark=f"The log's lens is not used: {error}.")
 
 
 def _is_unmoved(source: Source, plane: Plane) -> bool:
@@ -110,22 +114,20 @@ def marker_layout(design: Design) -> FloatArray:
 
 
 def load_recorded_lens(source: str) -> Lens | None:
-    """The lens that a log keeps, as a file or as its camera reported it; None for every other source."""
-    if is_camera(source):
-        return None
-    opened = open_source(source)
-    if not isinstance(opened, LoggedFrames):
-        return None
-    return read_attached_lens(opened) or _read_reported_lens(opened.log.path)
+    """As `find_recorded_lens`, for the name of a source, which may be a camera."""
+    return None if is_camera(source) else find_recorded_lens(open_source(source))
 
 
-def _read_reported_lens(log: Path) -> Lens | None:
-    """The lens in a log's CameraInfo; None if it is not calibrated.
+def _read_reported_lens(source: LoggedFrames) -> Lens | None:
+    """The lens in a log's CameraInfo; None if it is not calibrated, or for pictures of another size.
 
     The message has no deviations: they are as large as the values, so that nobody takes the lens for an
     accurate one."""
-    for _, _, info in iter_messages(log, [CAMERA_INFO]):
+    for _, _, info in iter_messages(source.log.path, [CAMERA_INFO]):
         if info.k[0] > 0 and info.distortion_model == "plumb_bob" and len(info.d) == 5:
+            shown = next((image.shape[1::-1] for _, image in source), None)
+            if shown != (info.width, info.height):
+                return None
             focal, size = np.array([info.k[0], info.k[4]]), np.array([info.width, info.height])
             return Lens(
                 width_px=info.width,
@@ -138,6 +140,6 @@ def _read_reported_lens(log: Path) -> Lens | None:
                 distortion_deviation=np.ones(5),
                 rms_px=float(size.max()),
                 rms_interval_px=(0.0, float(size.max())),
-                provenance={"source": f"camera_info of {log.name}; without deviations"},
+                provenance={REPORTED_KEY: f"camera_info of {source.log.path.name}"},
             )
     return None

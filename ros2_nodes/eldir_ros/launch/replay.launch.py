@@ -4,7 +4,7 @@
 
 """Replay of a log: its pictures with their own stamps, tracked again.
 
-ros2 launch eldir_ros replay.launch.py log:=run.mcap [speed:=2.0]
+ros2 launch eldir_ros replay.launch.py log:=run.mcap [speed:=2.0] [view:=rviz]
 """
 
 from launch.actions import DeclareLaunchArgument
@@ -21,8 +21,9 @@ def generate_launch_description():
         *launching.arguments(
             ("speed", "1.0", "Playback speed: 2 is twice as fast as filmed."),
             ("wait_for", "", "More nodes to wait for, separated by commas."),
-            ("composed", "false", "true: all nodes in one process."),
+            *launching.RIG,
         ),
+        launching.view_argument(),
     ]
     waiting = ParameterValue(
         ["[mass_tracker, range_of_motion, ", LaunchConfiguration("wait_for"), "]"], value_type=list[str]
@@ -36,5 +37,7 @@ def generate_launch_description():
         },
         "mass_tracker": {"log": launching.text("log"), "autostart": True, "reliable_pictures": True},
         "range_of_motion": {"log": launching.text("log"), "autostart": True},
+        "robot_model": {"log": launching.text("log"), "autostart": True},
     }
-    return LaunchDescription([*arguments, *launching.rig_nodes(values)])
+    nodes = launching.rig_nodes(values, {"robot_model": launching.with_model()})
+    return LaunchDescription([*arguments, *nodes, *launching.viewers()])

@@ -18,6 +18,7 @@ from eldir_calibration.comparison.motions import describe_camera, describe_plane
 from eldir_hardware.camera.lens import Lens, validity_period
 from eldir_hardware.camera.plane import Image, Plane
 from eldir_hardware.camera.plane_fit import WrongLensError, calibrate_plane
+from eldir_hardware.log.messages import camera_info_fields
 from eldir_hardware.log.reader import read_log
 from eldir_hardware.log.recorder import Recorder
 from eldir_hardware.rig.configuration import Rig
@@ -117,6 +118,29 @@ def test_the_plane_of_a_log_is_found_with_its_lens(track_run, tmp_path: Path) ->
     assert describe_plane(plane) == f"from the log's first frames, 10 tags within {plane.rms_px:.2f} px"
 
 
+def test_a_lens_that_only_its_camera_reported_is_used_as_a_file_is(track_run, tmp_path: Path) -> None:
+    """A log of a ROS graph, whose camera has its own driver: CameraInfo, and no file."""
+    camera, images = track_run
+
+    def report(path: Path, images: list[Image]) -> LoggedFrames:
+        with Recorder(path) as log:
+            log.attach("tags.json", json.dumps(camera.board.to_json()).encode())
+            log.on_camera_info(0.0, camera_info_fields(lens(), *SIZE))
+            for i, image in enumerate(images):
+                log.on_frame(0.1 * i, image)
+        return LoggedFrames(read_log(path))
+
+    source = report(tmp_path / "a.mcap", images)
+    plane = find_recorded_plane(source)
+    again = calibrate_plane([image for _, image in source], camera.board, lens=lens())
+    np.testing.assert_array_equal(plane.homography, again.homography)
+    told = describe_camera(source)
+    assert told == "calibrated, focal length 610.0 px, as camera_info of a.mcap has it; error unknown"
+    smaller = report(tmp_path / "b.mcap", [image[:, 8:-8] for image in images])
+    assert describe_camera(smaller).startswith("not calibrated"), "pictures of another size"
+    find_recorded_plane(smaller)
+
+
 def test_a_lens_of_another_camera_is_noticed(track_run, tmp_path: Path) -> None:
     """The tags bend otherwise: refused by `eldir calibrate plane`, left aside for a log, and said."""
     camera, images = track_run
@@ -128,7 +152,9 @@ def test_a_lens_of_another_camera_is_noticed(track_run, tmp_path: Path) -> None:
     )
     bare = find_recorded_plane(LoggedFrames(read_log(record(tmp_path / "b.mcap", images, None, tags))))
     np.testing.assert_array_equal(plane.homography, bare.homography)
-    assert plane.provenance["remark"].startswith("camera.json is not used: the lens file belongs to another")
+    assert plane.provenance["remark"].startswith(
+        "The log's lens is not used: the calibration is that of another"
+    )
 
 
 def test_a_plane_kept_with_a_log_is_used_until_the_camera_moves(track_run, tmp_path: Path) -> None:

@@ -48,12 +48,12 @@ def test_a_logs_pictures_keep_their_bytes_and_stamps(tmp_path):
 def test_a_log_keeps_the_lens_that_its_camera_reported(tmp_path):
     """As `mcap_recorder` writes it: in CameraInfo, without a file."""
     with Recorder(tmp_path / "log.mcap", epoch_ns=EPOCH) as log:
-        log.on_camera_info(0.5, camera_info_fields(None, 640, 480))
+        log.on_camera_info(0.5, camera_info_fields(None, 64, 48))
         log.on_frame(0.5, picture(1))
     assert load_recorded_lens(str(tmp_path / "log.mcap")) is None, "not calibrated"
-    lens = lens_of((640, 480), [944, 945], [322, 235], [-0.1, 0.01, 0, 0, 0])
+    lens = lens_of((64, 48), [94, 94.5], [32.2, 23.5], [-0.1, 0.01, 0, 0, 0])
     with Recorder(tmp_path / "calibrated.mcap", epoch_ns=EPOCH) as log:
-        log.on_camera_info(0.5, camera_info_fields(lens, 640, 480))
+        log.on_camera_info(0.5, camera_info_fields(lens, 64, 48))
         log.on_frame(0.5, picture(1))
     kept = load_recorded_lens(str(tmp_path / "calibrated.mcap"))
     assert kept is not None and kept.size == lens.size

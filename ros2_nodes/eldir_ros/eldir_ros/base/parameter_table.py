@@ -134,7 +134,11 @@ PARAMETERS: dict[str, tuple[ParameterSpec, ...]] = {
         _DESIGN,
         ParameterSpec("log", "Log of a run that is replayed, instead of rig, design and the topic run."),
     ),
-    "robot_model": (_AUTOSTART, _DESIGN),
+    "robot_model": (
+        _AUTOSTART,
+        _DESIGN,
+        ParameterSpec("log", "Log of a run that is replayed, instead of design: it contains it."),
+    ),
     "virtual_bench": (
         ParameterSpec("rig", "Rig file of kind virtual."),
         _DESIGN,

@@ -13,21 +13,19 @@ import threading
 from contextlib import suppress
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
-from typing import Any, TypeVar
+from typing import Any
 
 from eldir_msgs.msg import RangeOfMotion, Run
 from geometry_msgs.msg import PoseArray
 from visualization_msgs.msg import MarkerArray
 
 from eldir.design import Design
-from eldir.errors import EldirError, InputError
+from eldir.errors import EldirError
 from eldir_calibration.comparison.predictions import LivePrediction, LiveRangeOfMotion, predict_live
-from eldir_hardware.log.reader import read_attachment
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.schedule import ActuationSchedule
-from eldir_hardware.vision.sources import LoggedFrames, open_source
 from eldir_ros.base.frames import frame_name
-from eldir_ros.base.parameters import find_file, get_file
+from eldir_ros.base.logged_files import find_log, get_record, read_from
 from eldir_ros.base.qualities import COMPLETE, LATCHED
 from eldir_ros.base.rig_node import ACTIVE, RigNode
 from eldir_ros.base.spinning import spin
@@ -36,7 +34,6 @@ from eldir_ros.conversions.schedules import schedule_from
 
 _CONTEXT = get_context("spawn")
 _NICENESS = 10  # of the prediction: the run has priority
-_File = TypeVar("_File", Rig, Design, ActuationSchedule)
 
 
 class RangeOfMotionNode(RigNode):
@@ -59,26 +56,13 @@ class RangeOfMotionNode(RigNode):
         self._prediction: Any = None
 
     def open(self) -> None:
-        log = find_file(self, "log")
-        if log is None:
-            self._replayed = None
-            self._rig = Rig.load(get_file(self, "rig"))
-            self._design = Design.load(get_file(self, "design"))
-            return
-        source = open_source(log)
-        if not isinstance(source, LoggedFrames):
-            raise InputError("this is not the log of a run", expected="an MCAP file", found=str(log))
-
-        def read(name: str, kind: type[_File]) -> _File:
-            found = read_attachment(source.attachments, source.name, name, kind.from_json)
-            if found is None:
-                raise InputError(
-                    f"{log} lacks {name}", expected="the log of a run", remedy="choose another log"
-                )
-            return found
-
-        self._rig, self._design = read("rig.yaml", Rig), read("design.json", Design)
-        self._replayed, self._start_ns = read("schedule.json", ActuationSchedule), source.log.epoch_ns
+        log = find_log(self, "log")
+        self._rig = get_record(self, "rig", log, "rig.yaml", Rig)
+        self._design = get_record(self, "design", log, "design.json", Design)
+        self._replayed = None
+        if log is not None:
+            self._replayed = read_from(log, "schedule.json", ActuationSchedule)
+            self._start_ns = log.log.epoch_ns
 
     def start(self) -> None:
         if self._replayed is not None:

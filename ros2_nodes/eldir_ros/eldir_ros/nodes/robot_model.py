@@ -28,7 +28,7 @@ from eldir_cad.kit.specification import load_specification
 from eldir_cad.multibody.hubs import hub_name, hub_shapes
 from eldir_hardware.vision.whole_body import estimate_body, estimate_hub_angles
 from eldir_ros.base.frames import frame_name
-from eldir_ros.base.parameters import get_file
+from eldir_ros.base.logged_files import find_log, get_record
 from eldir_ros.base.qualities import COMPLETE, LATCHED, RELIABLE
 from eldir_ros.base.rig_node import ACTIVE, RigNode
 from eldir_ros.base.spinning import spin
@@ -57,7 +57,7 @@ class RobotModelNode(RigNode):
         """Folder with the shapes of the parts."""
 
     def open(self) -> None:
-        design = Design.load(get_file(self, "design"))
+        design = get_record(self, "design", find_log(self, "log"), "design.json", Design)
         spec = load_specification(None)
         middle, springs = 1e-3 * (spec.outside - spec.mass.disc_depth), 1e-3 * spec.springs_at
         self._planes = (middle - springs, middle + springs)

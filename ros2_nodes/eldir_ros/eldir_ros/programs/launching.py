@@ -50,7 +50,9 @@ RIG = (
 )
 """Arguments of the launch files of a rig."""
 _VIEWS = ("none", "rviz", "foxglove")
-_LOW_PRIORITY = "nice -n 10"
+_AS_VIEWER = "setpriv --pdeathsig TERM nice -n 10"
+"""At a lower priority than the nodes: on a busy computer RViz delayed the commands to the board. And ended
+with its launcher, which on SIGTERM leaves behind what it started."""
 _LAST_WORDS = 3.0  # after the end of a run, in which nodes write and close [s]
 
 
@@ -185,16 +187,14 @@ def rig_nodes(
 
 
 def viewers() -> list[Action]:
-    """The viewer that the argument `view` names: RViz, or the bridge to Foxglove.
-
-    At a lower priority than the nodes: on a busy computer RViz delayed the commands to the board."""
+    """The viewer that the argument `view` names: RViz, or the bridge to Foxglove."""
     view = LaunchConfiguration("view")
     frame = IfElseSubstitution(NotEqualsSubstitution(Namespace(), ""), [Namespace(), "/ground"], "ground")
     return [
         Node(
             package="rviz2",
             executable="rviz2",
-            prefix=_LOW_PRIORITY,
+            prefix=_AS_VIEWER,
             namespace=Namespace(),
             arguments=["-d", RvizConfig(), "-f", frame],
             condition=IfCondition(EqualsSubstitution(view, "rviz")),
@@ -202,7 +202,7 @@ def viewers() -> list[Action]:
         Node(
             package="foxglove_bridge",
             executable="foxglove_bridge",
-            prefix=_LOW_PRIORITY,
+            prefix=_AS_VIEWER,
             parameters=[{"address": "127.0.0.1"}],
             condition=IfCondition(EqualsSubstitution(view, "foxglove")),
         ),

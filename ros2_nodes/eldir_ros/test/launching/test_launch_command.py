@@ -23,15 +23,20 @@ from schedules import LONG, SHORT  # noqa: E402
 class Launch:
     """`ros2 launch` of the virtual rig in a group of its own; its output is in a file."""
 
-    def __init__(self, folder, schedule, *arguments):
+    def __init__(self, folder, schedule, *arguments, prefix=None):
         self.trace, self._output = folder / "trace.jsonl", folder / "launch.txt"
         (folder / "schedule.json").write_text(json.dumps(schedule))
         given = {"schedule": folder / "schedule.json", "logs": folder, "trace": self.trace}
         command = ["ros2", "launch", "eldir_ros", "virtual_rig.launch.py"]
         command += [f"{name}:={value}" for name, value in given.items()]
+        prefixes = os.pathsep.join([*([str(prefix)] if prefix else []), os.environ["AMENT_PREFIX_PATH"]])
         with self._output.open("wb") as output:
             self.process = subprocess.Popen(
-                [*command, *arguments], stdout=output, stderr=subprocess.STDOUT, start_new_session=True
+                [*command, *arguments],
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+                env=os.environ | {"AMENT_PREFIX_PATH": prefixes},
             )
 
     @property
@@ -64,12 +69,18 @@ def runs(number):
         return False
 
 
+def arguments_of(number):
+    """The program of a process and its arguments."""
+    with open(f"/proc/{number}/cmdline") as file:
+        return file.read().split("\0")
+
+
 @pytest.fixture
 def launched(tmp_path):
     begun = []
 
-    def launch(*arguments):
-        begun.append(Launch(tmp_path, *arguments))
+    def launch(*arguments, **options):
+        begun.append(Launch(tmp_path, *arguments, **options))
         return begun[-1]
 
     yield launch
@@ -110,9 +121,17 @@ def test_ctrl_c_in_mid_heating_ends_the_launch_with_everything_off(launched, com
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
-def test_nothing_outlives_the_launch(launched, number):
-    launch, held_up = launched(LONG), stalls()
+def test_nothing_outlives_the_launch(launched, tmp_path, number):
+    """Nor does a viewer, for which a package stands in whose program only waits."""
+    viewer = tmp_path / "prefix" / "lib" / "rviz2" / "rviz2"
+    index = tmp_path / "prefix" / "share" / "ament_index" / "resource_index" / "packages" / "rviz2"
+    for file in (viewer, index):
+        file.parent.mkdir(parents=True)
+        file.write_text("#!/bin/sh\nexec sleep 600\n")
+    viewer.chmod(0o755)
+    launch, held_up = launched(LONG, "view:=rviz", prefix=tmp_path / "prefix"), stalls()
     launch.heats()
+    assert "sleep" in [arguments_of(n)[0] for n in launch.started], "the viewer has not started"
     asked = time.monotonic()
     launch.process.send_signal(number)
     wait_until(lambda: all_open(launch.trace), 10)

@@ -15,7 +15,7 @@ pytest.importorskip("eldir_msgs", reason="needs the package eldir_msgs, built by
 from graph import PATIENCE, Graph, wait_until  # noqa: E402
 from mcap.reader import make_reader  # noqa: E402
 from schedules import CONFIG, LONG, MIDDLE, SHORT  # noqa: E402
-from sensor_msgs.msg import CameraInfo, CompressedImage  # noqa: E402
+from sensor_msgs.msg import CameraInfo, CompressedImage, JointState  # noqa: E402
 from visualization_msgs.msg import MarkerArray  # noqa: E402
 
 from eldir.design import Design  # noqa: E402
@@ -122,7 +122,7 @@ def test_tracks_on_the_graph_are_those_of_the_log_tracked_anew(recorded):
 def test_a_replayed_log_gives_the_same_tracks(recorded, tmp_path):
     wanted = track_log(read_log(recorded))
     epoch = read_log(recorded).epoch_ns
-    seen = {}
+    seen, drawn = {}, set()
 
     def on_marks(message):
         stamp, _, places = marks.tracks_from(message)
@@ -130,13 +130,20 @@ def test_a_replayed_log_gives_the_same_tracks(recorded, tmp_path):
 
     with Graph(tmp_path, nodes=()) as graph:
         graph.node.create_subscription(MarkerArray, "marks", on_marks, COMPLETE)
+        graph.node.create_subscription(
+            JointState, "joint_states", lambda m: drawn.add(nanoseconds(m.header.stamp)), 100
+        )
+        graph.start("robot_model", log=recorded, design="", autostart=True)
+        wait_until(lambda: graph.state("robot_model") == "active", 60)
         graph.start("mass_tracker", log=recorded, design="", autostart=True)
         graph.start("camera", source=recorded, speed=4.0, wait_for='["mass_tracker"]', autostart=True)
         wait_until(lambda: "pictures shown" in graph.said("camera"), 60)
         time.sleep(1.0)
+        wait_until(lambda: max(seen) in drawn, 60)
     times = (np.array(sorted(seen)) - epoch) * 1e-9
     np.testing.assert_array_equal(times, wanted.times)
     np.testing.assert_array_equal(np.array([seen[s] for s in sorted(seen)]), wanted.positions)
+    assert drawn <= set(seen), "the robot of the log is drawn at the instants of its pictures"
 
 
 def test_a_log_that_is_played_like_a_bag_feeds_the_tracker(recorded, tmp_path):
