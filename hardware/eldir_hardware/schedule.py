@@ -60,6 +60,24 @@ class PredictedWalk(Record):
     """Displacement of this gait as filmed [body lengths per five cycles]; left out if it was not filmed.
     Version 0.1.0 wrote `seen`."""
 
+    @property
+    def expected(self) -> float | None:
+        """Mean of all sampled robots, a fall counted as no motion; None if all fall."""
+        return None if self.mean is None else self.mean * self._standing
+
+    @property
+    def spread_with_falls(self) -> float:
+        """Standard deviation of all sampled robots, a fall counted as no motion."""
+        n, k, mean = self.samples, self.samples - self.fell, self.mean or 0.0
+        if n < 2:
+            return self.spread or 0.0
+        squares = max(k - 1, 0) * (self.spread or 0.0) ** 2 + k * mean**2
+        return float(max(squares - k**2 * mean**2 / n, 0.0) / (n - 1)) ** 0.5
+
+    @property
+    def _standing(self) -> float:
+        return 1.0 - self.fell / self.samples if self.samples else 1.0
+
 
 @record
 class PredictedCycle(Record):

@@ -41,8 +41,12 @@ def standing() -> list[tuple[Morphology, PrintedRobot]]:
     return found[:BODIES]
 
 
-def test_marks_tell_most_falls_and_invent_none() -> None:
-    springs, gaits = SpringParameters(), candidate_gaits(2)[::2]
+@pytest.mark.parametrize("stroke", [1.0, 1.5])
+def test_marks_tell_most_falls_and_invent_none(stroke: float) -> None:
+    """Also where the springs move half as far again as the kit's, and turn a limb with a marker by 90
+    degrees."""
+    kit, gaits = SpringParameters(), candidate_gaits(2)[::2]
+    springs = replace(kit, hot_length=kit.cold_length + stroke * (kit.hot_length - kit.cold_length))
     every: list[tuple[Morphology, PrintedRobot, Gait]] = [(b, r, g) for b, r in standing() for g in gaits]
     tables = free_lengths_batch([(g, [springs, springs]) for _, _, g in every], CYCLES)
     free = (springs.cold_length, springs.hot_length)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -61,16 +62,21 @@ def adapt(
     check_room(rig, room)
     if rig.kind == "real" and rig.board.port is not None:
         require_unlatched(rig.board.port)
+    _require_camera(rig)
 
     from eldir_calibration.adaptation.loop import adapt
     from eldir_calibration.adaptation.runs import AdaptationConfig
+
+    end = None if minutes is None else time.monotonic() + 60 * minutes
 
     with progress_bar(note="each run takes as long as its schedule, and the computer a minute or two") as bar:
         task = bar.add_task("reading", total=None)
 
         def drive(schedule: ActuationSchedule, log: Path) -> None:
             bar.stop()
-            _drive(schedule, log, rig, rig_file, design, room, ask=rig.kind == "real" and not unattended)
+            if rig.kind == "real" and not unattended:
+                _ask(schedule, log, end)
+            _drive(schedule, log, rig, rig_file, design, room)
             bar.start()
 
         def show(what: str, part: float) -> None:
@@ -84,13 +90,21 @@ def adapt(
     typer.echo(f"ended: {found.ended}")
     if not found.runs:
         return
+    if found.misfit is not None and found.misfit > 1.0:
+        typer.echo(
+            "the robot moves as no simulated one does: the films do not tell how hot its springs get, nor "
+            "what another current would bring; look for a marker that was lost or a part that rubs"
+        )
     if found.heat is not None:
         typer.echo(_describe_heat(found.heat, rig))
     for fault in found.faults:
         typer.echo(f"run {fault.run}: {fault.text}; {fault.remedy}")
     typer.echo(f"wrote {out / 'adaptation.html'}")
     if found.best is None:
-        typer.echo("the robot stayed upright in no run; no schedule is written")
+        typer.echo(
+            f"no schedule is written: there is no run with {rig.supply.current_limit_a:g} A in which the "
+            "robot stayed upright, and its springs below their limit"
+        )
         return
     best = found.runs[found.best - 1]
     for advice in found.advice:
@@ -118,6 +132,33 @@ def _require_own_folder(out: Path) -> None:
         )
 
 
+def _require_camera(rig: Rig) -> None:
+    """Raise `InputError` for a rig that films nothing, before it heats."""
+    from eldir.errors import InputError
+
+    if rig.camera is None:
+        raise InputError(
+            "the rig file has no camera",
+            code="adapt.no-camera",
+            expected="camera, with which each run is filmed",
+            remedy="eldir rig setup writes the entry",
+        )
+
+
+def _ask(schedule: ActuationSchedule, log: Path, end: float | None) -> None:
+    """Wait until a person has put the robot back. Raises `NoGaitError` if the run would end after `end` by
+    then, by the monotonic clock."""
+    from eldir_calibration.adaptation.choice import NoGaitError
+
+    typer.confirm(
+        f"{log.parent.name}: {schedule.duration:.0f} s of heating and rest. "
+        "Put the robot at its start, in sight of the camera. Heat now?",
+        abort=True,
+    )
+    if end is not None and time.monotonic() + schedule.duration > end:
+        raise NoGaitError("the time of --minutes is up")
+
+
 def _drive(
     schedule: ActuationSchedule,
     log: Path,
@@ -125,21 +166,12 @@ def _drive(
     rig_file: Path,
     design: Path,
     room: float | None,
-    ask: bool,
 ) -> None:
-    """Play a schedule as `eldir rig drive` does; a person puts the robot back first."""
+    """Play a schedule as `eldir rig drive` does."""
     from eldir_app.commands.rig.drive import play, print_notes
     from eldir_hardware.run.drive import DriveConfig
 
     print_notes(schedule, rig, rig_file, design)
-    if ask:
-        walk = schedule.predicted.walk
-        predicted = "" if walk is None or walk.mean is None else f"; predicted {walk.mean:+.2f}"
-        typer.confirm(
-            f"{log.parent.name}: {schedule.duration:.0f} s of heating and rest{predicted}. "
-            "Put the robot at its start, in sight of the camera. Heat now?",
-            abort=True,
-        )
     play(schedule, rig, rig_file, log, DriveConfig(design, room_c=room))
 
 
@@ -153,7 +185,7 @@ def _describe(number: int, run: AdaptationRun) -> str:
     filmed = f"{run.filmed:+.2f}" if run.upright else "a fall"
     line = f"run {number}: predicted {before}, filmed {filmed} body lengths per five cycles"
     if run.misfit is not None and run.misfit > 1.0:
-        line += "; the robot moves as no simulated one does: the belief is widened"
+        line += "; in the films before, the robot moved as no simulated one does"
     return line
 
 

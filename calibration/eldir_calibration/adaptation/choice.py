@@ -19,18 +19,21 @@ from eldir.built.samples import (
 )
 from eldir.built.scene import PrintedScene
 from eldir.design import Design
-from eldir.parameters.robot import RobotParameters
+from eldir.parameters.robot import RobotParameters, perturb_robot
 from eldir.parameters.springs import SpringParameters
 from eldir_calibration.adaptation.films import FilmedWalk
-from eldir_calibration.adaptation.heat import keeps_limit
+from eldir_calibration.adaptation.heat import keeps_limit, planned_contact_shares, robots_peak
 from eldir_calibration.adaptation.runs import AdaptationConfig, AdaptationRun, SupplyAdvice
 from eldir_calibration.dynamics.belief import Belief
 from eldir_calibration.identification.identification import RobotFilms
 from eldir_hardware.planning.compiler import extract_gait
 from eldir_hardware.planning.plan import PlanConfig, heating_limits, plan, plan_gait
 from eldir_hardware.rig.configuration import Rig
-from eldir_hardware.safety.margins import rigs_with_narrower_tolerances
+from eldir_hardware.safety.margins import SUPPLY_STEP, rigs_with_narrower_tolerances
 from eldir_hardware.schedule import ActuationSchedule
+
+_MEMBERS = 16
+"""Robots that a prior's heat is told from."""
 
 
 class NoGaitError(Exception):
@@ -47,15 +50,16 @@ def plan_run(
     stage: Stage = silent,
 ) -> ActuationSchedule:
     """The schedule of the next run: the one that `eldir gait` makes for a robot without films, or that of the
-    gait that is expected to walk farthest. Raises `NoGaitError` if none is worth a run."""
-    if plans.scene is None or not runs:
+    gait that is expected to walk farthest. `runs`: those whose walks the supply can repeat. Raises
+    `NoGaitError` if none is worth a run."""
+    if plans.scene is None or not films:
         return plan(design, rig, plans, stage)
     filmed = plans.scene.filmed_of(design)
     robots = IdentifiedRobots.of(design, plans.scene)
     gait = search_robust_gait(robots, heating_limits(rig), filmed, plans.seed, stage)
     stage(f"predicting the walks of {config.samples} samples")
     (walks,) = sample_walks(robots, [gait], config.samples, plans.seed)
-    best = max((run.filmed for run in runs if run.upright), default=0.0)
+    best = max((run.filmed for run in runs if run.upright), default=0.0)  # of those that count
     bias, error = discrepancy(design, plans.scene, films, rig.spring_parameters().current_limit)
     predicted, deviation = walks.expected - bias, float(np.hypot(walks.spread_with_falls, error))
     gain = expected_improvement(predicted, deviation, best)
@@ -67,6 +71,29 @@ def plan_run(
     reason = f"expected improvement over {best:+.2f}: {gain:.2f} body lengths per five cycles"
     found = GaitSearchResult({"search": gait}, {"search": walks}, "search", reason=reason)
     return plan_gait(design, rig, found, plans, stage)
+
+
+def require_cool(
+    design: Design, rig: Rig, schedule: ActuationSchedule, scene: PrintedScene | None, belief: Belief | None
+) -> None:
+    """Raise `NoGaitError` if a schedule would heat the springs that are believed to be there above the rig
+    file's limit, which is proved for the springs that the file describes. `belief`: that after the films;
+    before them `scene`, what films of other robots tell; None: nothing. A belief that does not explain its
+    films tells nothing either.
+    """
+    if scene is None or (belief is not None and not belief.explains):
+        return
+    shares = planned_contact_shares(schedule, rig, design.morphology.motors)
+    if belief is None:
+        robots = IdentifiedRobots.of(design, scene).samples(_MEMBERS, 0)
+    else:
+        robots = [perturb_robot(design.morphology, belief.nominal, belief.names, z) for z in belief.z]
+    peak, limit = robots_peak(design.morphology, robots, shares), rig.limits.max_temperature_c
+    if peak > limit:
+        raise NoGaitError(
+            f"in the next run the springs would reach {peak:.0f} C, by what the films tell, and the limit is "
+            f"{limit:g} C. With a lower current the same command goes on"
+        )
 
 
 def expected_improvement(mean: float, deviation: float, best: float) -> float:
@@ -134,21 +161,34 @@ def advise_supply(
     belief: Belief,
     config: AdaptationConfig,
 ) -> tuple[SupplyAdvice, ...]:
-    """What the belief predicts for the best schedule with the current that narrower tolerances allow.
+    """What the belief predicts for the best schedule with the highest current that narrower tolerances and
+    the believed springs allow, if that is more than the springs have now.
 
     A current that is to be measured is then what the supply is set to; without that it is off as it was in
-    the films. One with which the believed springs might get too hot is not advised, whatever the rig file
-    says.
+    the films. With the advised one 95 % of the believed springs keep the limit in the warmest air that it is
+    for, whatever the rig file says.
     """
     gait = extract_gait(best.schedule)
     assert gait is not None  # which was filmed
     robots, own = IdentifiedRobots.of(design, scene), rig.spring_parameters().current_limit
     samples, max_c = robots.samples(config.samples, config.seed), rig.limits.max_temperature_c
+    believed = float(np.mean([robot.springs.current_limit for robot in samples]))
     (bias, error), found = discrepancy(design, scene, films, own), []
     for other in rigs_with_narrower_tolerances(best.schedule, rig):
-        limit, allowed = other.spring_parameters().current_limit, other.tolerances
+        highest, allowed = other.spring_parameters().current_limit, other.tolerances
         measures = allowed.current_is_measured and not rig.tolerances.current_is_measured
-        if not keeps_limit(belief, best.film, max_c, limit, allowed.current if measures else None):
+        tolerance = allowed.current if measures else None
+        steps = range(int(highest / SUPPLY_STEP + 1e-6), 0, -1)
+        currents = [c for k in steps if (c := round(SUPPLY_STEP * k, 2)) > (believed if measures else own)]
+        limit = next(
+            (
+                c
+                for c in currents
+                if keeps_limit(belief, best.film, max_c, c, tolerance, allowed.ambient_max_c)
+            ),
+            None,
+        )
+        if limit is None:
             continue
         changed = [
             scale_current(robot, limit / (robot.springs.current_limit if measures else own))

@@ -18,7 +18,7 @@ from eldir.parameters.springs import SpringParameters
 from eldir_calibration.adaptation.heat import SURE, believe_heat, find_safe_current, spring_strokes
 from eldir_calibration.adaptation.runs import Fault
 from eldir_calibration.dynamics.belief import Belief
-from eldir_calibration.dynamics.recording import INTERVAL, FilmedBody, Recording, find_fall
+from eldir_calibration.dynamics.recording import INTERVAL, FilmedBody, Recording, find_any_fall
 from eldir_calibration.identification.identification import RobotFilms
 from eldir_calibration.report.comparison import PHASE_SAMPLES, Motion
 
@@ -48,14 +48,15 @@ def find_faults(number: int, film: RobotFilms, belief: Belief, limit_c: float) -
     (recording,) = film.recordings
     if hot := _find_hot_springs(number, film, belief, limit_c):
         return hot
-    fall = find_fall(build(film.body.morphology).positions[film.body.marker_masses], recording.tracked)
+    fall = find_any_fall(build(film.body.morphology).positions[film.body.marker_masses], recording)
     if fall is not None:
+        sideways = " sideways" if fall == recording.fell_at else ""
         return (
             Fault(
                 number,
                 "fall",
-                f"the robot falls at {fall:.0f} s",
-                "put ballast where the robot is low, or take another design if it falls with every gait",
+                f"the robot falls{sideways} at {fall:.0f} s",
+                "if it falls with every gait, take another design, or this one with ballast, in a new folder",
             ),
         )
     return (

@@ -16,12 +16,13 @@ from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
 from eldir_calibration.adaptation.runs import AdaptationConfig
+from eldir_calibration.comparison.recorded_run import LoggedRun, open_run
 from eldir_calibration.dynamics.belief import Belief, believe
 from eldir_calibration.dynamics.recording import (
     NOT_MEASURED,
     Measurements,
     Progress,
-    find_fall,
+    find_any_fall,
     require_informative,
 )
 from eldir_calibration.identification.identification import RobotFilms, read_films
@@ -56,8 +57,9 @@ def nominal_robot(rig: Rig) -> RobotParameters:
 
 
 def read_run(log: Path, design: Design, rig: Rig, progress: Progress) -> RobotFilms:
-    """The film of a run. Raises `InputError` if it shows too little, or if its springs differ in more than
-    the supply's current limit."""
+    """The film of a run. Raises `InputError` if it shows too little, if the run was paused, or if robot, rig
+    or springs are not those of the folder; the supply's current limit may be another one."""
+    _require_same_run(open_run(log, design), design, rig)
     films = read_films([log], design, progress)
     require_informative(films.recordings)
     springs = rig.spring_parameters()
@@ -76,6 +78,35 @@ def read_run(log: Path, design: Design, rig: Rig, progress: Progress) -> RobotFi
             remedy="begin a new folder, and give this one as --prior",
         )
     return films
+
+
+def _require_same_run(run: LoggedRun, design: Design, rig: Rig) -> None:
+    """Raise `InputError` for a run of another robot or on another kind of rig, and for one that was paused:
+    its cycles are not where the schedule has them."""
+    path = run.log.path
+    if run.design != design:
+        raise InputError(
+            f"{path} shows this robot with other ballast or without a motor",
+            code="dynamics.different-robots",
+            expected="the same robot in all runs of a folder",
+            remedy="begin a new folder, and give this one as --prior",
+        )
+    if run.rig.kind != rig.kind:
+        raise InputError(
+            f"{path} was made on another rig",
+            code="dynamics.different-rigs",
+            expected=f"a {rig.kind} rig",
+            found=f"a {run.rig.kind} one",
+            remedy="begin a new folder",
+        )
+    paused = [text for _, part, text in run.log.statuses if part == "player" and text.startswith("paused")]
+    if paused:
+        raise InputError(
+            f"{path} is of a run that was {paused[0]}",
+            code="adapt.paused",
+            expected="a run without a pause: robots are compared over the schedule's cycles",
+            remedy="give the same command again: the run is repeated",
+        )
 
 
 def known_parameters(rig: Rig) -> tuple[str, ...]:
@@ -101,7 +132,7 @@ def believe_films(
     recordings, filmed = [], []
     for film in films:
         (recording,) = film.recordings
-        fall = find_fall(rest, recording.tracked)
+        fall = find_any_fall(rest, recording)
         if fall is None or fall > recording.start:
             recordings.append(recording if fall is None else recording.truncate(fall))
             filmed.append(RobotParameters(hubs, _in_room(film.nominal.springs, film)))

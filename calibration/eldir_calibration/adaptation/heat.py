@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from eldir.built.heat import SpringHistory, SpringState, heat
 from eldir.core.records import FloatArray
-from eldir.parameters.robot import perturb_robot
+from eldir.morphology import Morphology
+from eldir.parameters.robot import RobotParameters, perturb_robot
 from eldir.parameters.springs import SpringParameters
 from eldir_calibration.adaptation.films import CURRENT
 from eldir_calibration.adaptation.runs import SpringHeat
 from eldir_calibration.dynamics.belief import Belief
 from eldir_calibration.dynamics.recording import INTERVAL, Recording
 from eldir_calibration.identification.identification import RobotFilms
+from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.safety.margins import SUPPLY_STEP
+from eldir_hardware.schedule import ActuationSchedule
 
 SURE = 1.64
 """Standard deviations on one side: 95 %."""
@@ -34,16 +38,35 @@ def believe_heat(belief: Belief, film: RobotFilms) -> SpringHeat:
 
 
 def keeps_limit(
-    belief: Belief, film: RobotFilms, limit_c: float, current_a: float, tolerance: float | None = None
+    belief: Belief,
+    film: RobotFilms,
+    limit_c: float,
+    current_a: float,
+    tolerance: float | None = None,
+    air_c: float | None = None,
 ) -> bool:
     """Whether 95 % of the robots that may be the filmed one would have kept a temperature limit in this run
-    with this current limit of the supply; with `tolerance`, if it is measured to that."""
+    with this current limit of the supply; with `tolerance`, if it is measured to that. `air_c`: temperature
+    of the air [C]; None: the belief's."""
     (recording,) = film.recordings
+    if air_c is not None:
+        springs = replace(belief.nominal.springs, ambient=air_c)
+        belief = replace(belief, nominal=replace(belief.nominal, springs=springs))
     if tolerance is not None:  # the supply gives what it is set to
         known = np.array(belief.names) == CURRENT
         belief, current_a = replace(belief, z=np.where(known, 0.0, belief.z)), current_a * (1 + tolerance)
     peak, deviation = _mean_peak(belief, recording.contact_shares, current_a)
     return peak + SURE * deviation <= limit_c
+
+
+def planned_contact_shares(schedule: ActuationSchedule, rig: Rig, motors: int) -> FloatArray:
+    """Share of each interval in which a schedule closes the contacts of each motor, as in `Recording`, shape
+    (steps, motors)."""
+    channels, states = schedule.sampled(INTERVAL)
+    own = {entry.channel: entry.spring for entry in rig.channels}
+    columns = [[k for k, c in enumerate(channels) if own.get(c) == motor] for motor in range(motors)]
+    shares = [states[:, k].mean(axis=1) if k else np.zeros(len(states)) for k in columns]
+    return np.stack(shares, axis=1).astype(float)
 
 
 def find_safe_current(belief: Belief, film: RobotFilms, limit_c: float) -> float:
@@ -71,6 +94,14 @@ def peak_temperatures(belief: Belief, contact_shares: FloatArray, current_a: flo
     return history.temperature.max(axis=0).reshape(len(belief.z), -1).max(axis=1)
 
 
+def robots_peak(
+    morphology: Morphology, robots: Sequence[RobotParameters], contact_shares: FloatArray
+) -> float:
+    """Mean over robots of the highest temperature of their springs [C]."""
+    _, history = _heat_robots(morphology, robots, contact_shares)
+    return float(history.temperature.max(axis=0).reshape(len(robots), -1).max(axis=1).mean())
+
+
 def _mean_peak(belief: Belief, contact_shares: FloatArray, current_a: float) -> tuple[float, float]:
     """Mean of the members' peak temperatures [C], and their standard deviation with the model's error [K]."""
     peaks = peak_temperatures(belief, contact_shares, current_a)
@@ -84,6 +115,13 @@ def _heat_members(
     morphology, springs = belief.body.morphology, replace(belief.nominal.springs, current_limit=current_a)
     nominal = replace(belief.nominal, springs=springs)
     members = [perturb_robot(morphology, nominal, belief.names, z) for z in belief.z]
-    each = [s for robot in members for s in robot.motor_springs(morphology.motors)]
+    return _heat_robots(morphology, members, contact_shares)
+
+
+def _heat_robots(
+    morphology: Morphology, robots: Sequence[RobotParameters], contact_shares: FloatArray
+) -> tuple[list[SpringParameters], SpringHistory]:
+    """The springs of all robots, motor by motor, and what they do from cold."""
+    each = [s for robot in robots for s in robot.motor_springs(morphology.motors)]
     cold = SpringState(np.array([s.ambient for s in each]), np.ones(len(each)))
-    return each, heat(np.tile(contact_shares, (1, len(members))), INTERVAL, each, cold)
+    return each, heat(np.tile(contact_shares, (1, len(robots))), INTERVAL, each, cold)

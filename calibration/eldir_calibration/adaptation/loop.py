@@ -3,8 +3,8 @@
 A folder keeps everything: `run_01/schedule.json`, `run_01/run_01.mcap`, from the second run on the belief
 that chose its gait, `run_02/belief.json`; `adaptation.json`; at the end `schedule.json` of the best filmed
 gait, `belief.json` and the report, `adaptation.html`. Beliefs and gaits depend on films, rig, seed and prior
-alone: an adaptation that was interrupted goes on with the same decisions. The supply may be turned up between
-two runs.
+alone: an adaptation that was interrupted goes on with the same decisions. The supply may be turned up or down
+between two runs; walks with another current do not count as the best one then.
 """
 
 from __future__ import annotations
@@ -20,7 +20,14 @@ import numpy as np
 from eldir.built.scene import PrintedScene
 from eldir.design import Design
 from eldir.errors import InputError
-from eldir_calibration.adaptation.choice import BestRun, NoGaitError, advise_supply, discrepancy, plan_run
+from eldir_calibration.adaptation.choice import (
+    BestRun,
+    NoGaitError,
+    advise_supply,
+    discrepancy,
+    plan_run,
+    require_cool,
+)
 from eldir_calibration.adaptation.faults import find_faults
 from eldir_calibration.adaptation.films import (
     MISFIT,
@@ -42,6 +49,7 @@ from eldir_calibration.adaptation.runs import (
     SpringHeat,
     SupplyAdvice,
     best_run,
+    repeatable_runs,
 )
 from eldir_calibration.dynamics.belief import Belief
 from eldir_calibration.dynamics.configuration import DEFAULT_CONFIG
@@ -91,12 +99,12 @@ def adapt(
     of the kit; they count from the first run on, so that a folder with runs has them already. The log of a
     film that cannot be used is kept under another name, and the run is repeated by the next call. Raises
     `InputError` for a robot on a printed ground, whose films do not tell where it is, for one with too few
-    markers, and for logs of other springs.
+    markers, for springs that share the current of one output, which is not simulated, and for logs of other
+    springs, rigs or robots.
     """
     deadline = _Deadline(config.minutes, clock)
-    design = Design.load(design_file)
-    _require_table(design)
-    _require_markers(design)
+    design, current = Design.load(design_file), rig.spring_parameters().current_limit
+    _require_learnable(design, rig)
     summary = folder / _SUMMARY
     begun = Adaptation.load(summary) if summary.exists() else Adaptation((), None, "")
     runs, faults = list(begun.runs), begun.faults
@@ -121,37 +129,38 @@ def adapt(
             schedule = ActuationSchedule.load(place / _SCHEDULE)
         else:
             try:
-                _require_repaired(faults, runs, rig)
+                _require_repaired(faults, runs, current)
                 deadline.require(1.0)
+                counted = [runs[number - 1] for number in repeatable_runs(runs, faults, current)]
                 schedule = plan_run(
-                    design, rig, plans, runs, filmed_walks(films), config, lambda what: progress(what, 0.0)
+                    design, rig, plans, counted, filmed_walks(films), config, lambda what: progress(what, 0.0)
                 )
                 deadline.require(schedule.duration)
+                require_cool(design, rig, schedule, scene, None if learned is None else learned.belief)
+                place.mkdir(parents=True, exist_ok=True)
+                if scene is not None:
+                    scene.save(place / BELIEF)
+                schedule.save(place / _SCHEDULE)
+                _drive(drive, schedule, log)
             except NoGaitError as reason:
                 ended = str(reason)
                 break
-            place.mkdir(parents=True, exist_ok=True)
-            if scene is not None:
-                scene.save(place / BELIEF)
-            schedule.save(place / _SCHEDULE)
-            _drive(drive, schedule, log)
         try:
             films.append(read_run(log, design, rig, progress))
         except InputError:
             _set_aside(log)  # else the same command would fail for ever
             raise
         runs.append(_record(log, design, schedule, films[-1], filmed_walks(films[:-1]), scene))
-        _save(folder, Adaptation(tuple(runs), best_run(runs), "", (), faults))  # those of earlier runs
+        best = best_run(runs, faults, current)
+        _save(folder, Adaptation(tuple(runs), best, "", (), faults))  # those of earlier runs
         on_run(len(runs), runs[-1])
         write_film(log, design, films[-1])
         learned = _learn(design, rig, films, known, faults, config, progress)
-        so_far = Adaptation(tuple(runs), best_run(runs), "", (), learned.faults, learned.heat)
-        _report(folder, rig, so_far, known, learned.scene)
+        _report(folder, rig, learned.told(runs, "", (), current), known, learned.scene)
     if learned is None:
         return Adaptation((), None, ended)
     advice = _advise(design, rig, folder, runs, films, learned, config)
-    found = Adaptation(tuple(runs), best_run(runs), ended, advice, learned.faults, learned.heat)
-    return _report(folder, rig, found, known, learned.scene)
+    return _report(folder, rig, learned.told(runs, ended, advice, current), known, learned.scene)
 
 
 class _Learned(NamedTuple):
@@ -160,7 +169,18 @@ class _Learned(NamedTuple):
     scene: PrintedScene
     belief: Belief
     faults: tuple[Fault, ...]
-    heat: SpringHeat
+    heat: SpringHeat | None
+
+    def told(
+        self,
+        runs: Sequence[AdaptationRun],
+        ended: str,
+        advice: tuple[SupplyAdvice, ...],
+        current_limit_a: float,
+    ) -> Adaptation:
+        """The summary after these runs, for the present current limit."""
+        best, misfit = best_run(runs, self.faults, current_limit_a), round(self.belief.misfit, 4)
+        return Adaptation(tuple(runs), best, ended, advice, self.faults, self.heat, misfit)
 
 
 def _learn(
@@ -177,7 +197,8 @@ def _learn(
     number = len(films)
     earlier = tuple(fault for fault in faults if fault.run < number)
     now = find_faults(number, films[-1], belief, rig.limits.max_temperature_c)
-    return _Learned(scene, belief, earlier + now, believe_heat(belief, films[-1]))
+    heat = believe_heat(belief, films[-1]) if belief.explains else None
+    return _Learned(scene, belief, earlier + now, heat)
 
 
 def _advise(
@@ -189,24 +210,30 @@ def _advise(
     learned: _Learned,
     config: AdaptationConfig,
 ) -> tuple[SupplyAdvice, ...]:
-    """Advice on the supply for the best run, if the robot stayed upright in one."""
-    best = best_run(runs)
-    if best is None:
+    """Advice on the supply for the best run, if there is one and the belief explains the films."""
+    best = best_run(runs, learned.faults, rig.spring_parameters().current_limit)
+    if best is None or not learned.belief.explains:
         return ()
     plays = BestRun(ActuationSchedule.load(folder / runs[best - 1].schedule), films[best - 1])
     return advise_supply(design, rig, plays, filmed_walks(films), learned.scene, learned.belief, config)
 
 
-def _require_repaired(faults: Sequence[Fault], runs: Sequence[AdaptationRun], rig: Rig) -> None:
+def _require_repaired(faults: Sequence[Fault], runs: Sequence[AdaptationRun], current_limit_a: float) -> None:
     """Raise `NoGaitError` for a fault in the last run that no gait can make up for, and for springs that were
-    too hot, until the current is lower."""
+    too hot in any run, until the current is lower than then."""
     for fault in faults:
-        if fault.run != len(runs):
-            continue
-        if fault.kind in _TO_REPAIR:
+        if fault.kind in _TO_REPAIR and fault.run == len(runs):
             raise NoGaitError(f"{fault.text}. Repair it, then begin a new folder")
-        if fault.kind == _TOO_HOT and rig.spring_parameters().current_limit >= runs[-1].current_limit_a:
-            raise NoGaitError(f"{fault.text}. With a lower current the same command goes on")
+        if fault.kind == _TOO_HOT and current_limit_a >= runs[fault.run - 1].current_limit_a:
+            raise NoGaitError(f"run {fault.run}: {fault.text}. With a lower current the same command goes on")
+
+
+def _require_learnable(design: Design, rig: Rig) -> None:
+    """Raise `InputError` for a robot or a rig with which nothing can be learned: before anything is heated,
+    not after its first film."""
+    _require_table(design)
+    _require_markers(design)
+    _require_own_outputs(rig)
 
 
 def _require_table(design: Design) -> None:
@@ -220,8 +247,6 @@ def _require_table(design: Design) -> None:
 
 
 def _require_markers(design: Design) -> None:
-    """Raise `InputError` for a robot with fewer markers than a belief needs: before it is heated, not after
-    its first film."""
     marks, needed = len(design.marks), DEFAULT_CONFIG.min_markers
     if marks < needed:
         raise InputError(
@@ -230,6 +255,16 @@ def _require_markers(design: Design) -> None:
             expected=f"{needed} or more",
             found=str(marks),
             remedy="take a design with more masses on its rear, such as another one of the shortlist",
+        )
+
+
+def _require_own_outputs(rig: Rig) -> None:
+    if rig.supply.outputs == "shared":
+        raise InputError(
+            "the springs share the current of one output of the supply",
+            code="adapt.shared-output",
+            expected="an output for each spring (supply.outputs: each): shared current is not simulated",
+            remedy="drive and film with eldir rig drive",
         )
 
 
@@ -262,8 +297,9 @@ def _record(
     current = films.nominal.springs.current_limit
     folder, mean, deviation = log.parent.name, None, None
     bias, error = (0.0, 0.0) if scene is None else discrepancy(design, scene, before, current)
-    if (walk := schedule.predicted.walk) is not None and walk.mean is not None:
-        mean, deviation = round(walk.mean - bias, 4), round(float(np.hypot(walk.spread or 0.0, error)), 4)
+    if (walk := schedule.predicted.walk) is not None and walk.expected is not None:
+        mean = round(walk.expected - bias, 4)
+        deviation = round(float(np.hypot(walk.spread_with_falls, error)), 4)
     misfit = None if scene is None else scene.provenance.get(MISFIT)
     return AdaptationRun(
         f"{folder}/{_SCHEDULE}",
@@ -274,13 +310,16 @@ def _record(
         None if misfit is None else round(float(misfit), 4),
         round(film.walked, 4),
         film.upright,
+        films.recordings[0].cycles,
     )
 
 
 def _save(folder: Path, found: Adaptation) -> None:
-    """Write the summary, and the schedule of the best run."""
+    """Write the summary, and the schedule of the best run; without one none is left."""
     found.save(folder / _SUMMARY)
-    if found.best is not None:
+    if found.best is None:
+        (folder / _SCHEDULE).unlink(missing_ok=True)
+    else:
         ActuationSchedule.load(folder / found.runs[found.best - 1].schedule).save(folder / _SCHEDULE)
 
 

@@ -10,7 +10,7 @@ Both are normal distributions, so what the beliefs of some robots tell of the ne
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from math import hypot, sqrt
 from pathlib import Path
 from typing import NamedTuple
@@ -100,6 +100,7 @@ def load_prior(
             )
         before = PrintedScene.load(folder / PRIOR) if (folder / PRIOR).exists() else None
         beliefs.append(KitBelief(folder.name, before, PrintedScene.load(folder / BELIEF)))
+        _require_same_springs(folder, beliefs[-1].after, nominal)
         if any(beliefs[-1].after == other.after for other in beliefs[:-1]):
             raise InputError(
                 f"{folder} holds the same belief as another one",
@@ -108,6 +109,24 @@ def load_prior(
                 remedy="name each one once",
             )
     return kit_prior(beliefs, nominal, tolerances, known)
+
+
+def _require_same_springs(folder: Path, belief: PrintedScene, nominal: RobotParameters) -> None:
+    """Raise `InputError` for a belief that deviates from other springs than those of the present rig file:
+    its deviations would be added to a correction that was made of them. Supply and air may differ."""
+    then = nominal.at(belief.parameters, belief.z).springs
+    for part in fields(SpringParameters):
+        if part.name in ("current_limit", "ambient"):
+            continue
+        here, there = getattr(then, part.name), getattr(belief.springs, part.name)
+        if not np.allclose(here, there, rtol=1e-6, atol=0.0):
+            raise InputError(
+                f"{folder} began with other springs than those of this rig file",
+                code="adapt.other-springs",
+                expected="the same springs: what the films told would count twice",
+                found=f"another {part.name}",
+                remedy="leave --prior out, or begin with the rig file of that folder",
+            )
 
 
 def kit_prior(

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from eldir.built.gait import CYCLES
-from eldir.core.records import FileRecord, Record, record
+from eldir.core.records import OMITTED, FileRecord, Record, record
 from eldir_calibration.dynamics.belief import BeliefConfig
 from eldir_calibration.dynamics.configuration import DEFAULT_CONFIG
 
@@ -46,8 +46,8 @@ class AdaptationRun(Record):
     current_limit_a: float
     """Current limit of the supply in this run [A]."""
     predicted: float | None
-    """Predicted walk before the run, less what the belief predicted too much for the runs before [body
-    lengths per five cycles]; null if all samples fell."""
+    """Predicted walk before the run, samples that fall counted as no motion, less what the belief predicted
+    too much for the runs before [body lengths per five cycles]; null if all samples fell."""
     deviation: float | None
     """Standard deviation of that prediction, with the error of the belief in the runs before
     [body lengths per five cycles]."""
@@ -58,6 +58,9 @@ class AdaptationRun(Record):
     """Walk that was filmed [body lengths per five cycles]."""
     upright: bool
     """Whether the robot stayed upright."""
+    cycles: Annotated[Annotated[int, Field(ge=0)] | None, OMITTED] = None
+    """Cycles of the film that the walk is told from, if the markers were not lost later; missing in older
+    files."""
 
 
 @record
@@ -99,7 +102,8 @@ class SpringHeat(Record):
 
 @record
 class SupplyAdvice(Record):
-    """A higher current limit, which needs narrower tolerances in the rig file, and its predicted walk."""
+    """A current limit with which the springs get more current than now, which needs narrower tolerances in
+    the rig file, and its predicted walk."""
 
     current: float
     """Relative tolerance of the current."""
@@ -108,7 +112,8 @@ class SupplyAdvice(Record):
     ambient_max_c: float
     """Highest temperature of the air around the springs [C]."""
     current_limit_a: float
-    """Highest current limit of the supply with which the best schedule keeps the limits [A]."""
+    """Highest current limit of the supply with which the best schedule keeps the limits, also with the
+    believed springs [A]."""
     predicted: float | None
     """Walk that the belief predicts for it [body lengths per five cycles]; null if all samples fall."""
     deviation: float | None
@@ -121,12 +126,13 @@ class Adaptation(FileRecord):
     """Runs of an adaptation, and the best of them. JSON "eldir-adaptation/1"."""
 
     FORMAT = "eldir-adaptation/1"
-    OPTIONAL = frozenset({"faults", "heat"})
+    OPTIONAL = frozenset({"faults", "heat", "misfit"})
 
     runs: tuple[AdaptationRun, ...]
     """The runs, in the order in which they were made."""
     best: Annotated[int, Field(ge=1)] | None
-    """Number of the run in which the robot walked farthest without a fall, from 1; null if it never did."""
+    """Number of the run in which the robot walked farthest without a fall, from 1, of those with the present
+    current limit and without springs above their limit; null if there is none."""
     ended: str
     """Why no further run was made; empty while runs are left."""
     advice: tuple[SupplyAdvice, ...] = ()
@@ -134,10 +140,27 @@ class Adaptation(FileRecord):
     faults: tuple[Fault, ...] = ()
     """Why the robot does not walk, as the films show it; empty where they do not."""
     heat: SpringHeat | None = None
-    """Heat of the springs in the last run; null before its film was read."""
+    """Heat of the springs in the last run; null before its film was read, and where the belief does not
+    explain the films."""
+    misfit: Annotated[float, Field(ge=0)] | None = None
+    """Mean square of what the belief after all films leaves of them, in assumed standard deviations; above 1
+    the robot moves as no simulated one does. null before the first film."""
 
 
-def best_run(runs: Sequence[AdaptationRun]) -> int | None:
-    """Number of the run in which the robot walked farthest without a fall, from 1."""
-    upright = [number for number, run in enumerate(runs, start=1) if run.upright]
+def repeatable_runs(
+    runs: Sequence[AdaptationRun], faults: Sequence[Fault], current_limit_a: float
+) -> list[int]:
+    """Numbers of the runs, from 1, whose walk can be had again with this current limit of the supply: those
+    with the same one, and without springs above their limit."""
+    hot = {fault.run for fault in faults if fault.kind == "hot"}
+    return [
+        number
+        for number, run in enumerate(runs, start=1)
+        if run.current_limit_a == current_limit_a and number not in hot
+    ]
+
+
+def best_run(runs: Sequence[AdaptationRun], faults: Sequence[Fault], current_limit_a: float) -> int | None:
+    """Number of the repeatable run in which the robot walked farthest without a fall, from 1."""
+    upright = [n for n in repeatable_runs(runs, faults, current_limit_a) if runs[n - 1].upright]
     return max(upright, key=lambda number: runs[number - 1].filmed, default=None)

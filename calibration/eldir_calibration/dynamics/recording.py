@@ -52,6 +52,9 @@ class Recording(Record):
     period: float
     """Duration of a cycle [s]."""
     cycles: int
+    fell_at: float | None = None
+    """When the robot fell over sideways, after which its markers were not seen again [s]; None: it did not,
+    as far as the film shows."""
 
     def truncate(self, end: float) -> Recording:
         """The part of the recording before `end` [s]."""
@@ -145,20 +148,24 @@ def find_fall(
     """When a filmed robot first lay on its side [s]; None if it did so for less than a second in all. `rest`
     as in `stays_upright`.
 
-    The rotation from rest is that of `eldir.built.walking.rotation`, computed from the visible markers.
-    Frames with fewer than `config.min_markers` visible markers are ignored.
+    It lies where the lines between all pairs of visible markers have turned by more than
+    `eldir.built.walking.TOPPLED_ANGLE` from rest: a motor turns some of them as far, but not all. Frames
+    with fewer than `config.min_markers` visible markers are ignored.
     """
-    seen = np.isfinite(tracked.positions[..., 0])
-    enough = seen.sum(axis=1) >= config.min_markers
-    there = seen[enough][..., None]
-    current = np.where(there, tracked.positions[enough], 0.0)
-    at_rest = np.where(there, rest, 0.0)
-    number = there.sum(axis=1, keepdims=True)
-    a, b = (there * (x - x.sum(axis=1, keepdims=True) / number) for x in (at_rest, current))
-    cross = (a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]).sum(axis=1)
-    lies = np.abs(np.arctan2(cross, (a * b).sum(axis=(1, 2)))) > TOPPLED_ANGLE
+    enough = np.isfinite(tracked.positions[..., 0]).sum(axis=1) >= config.min_markers
+    i, j = np.triu_indices(len(rest), 1)
+    a, b = rest[j] - rest[i], (tracked.positions[:, j] - tracked.positions[:, i])[enough]
+    turned = np.abs(np.arctan2(a[:, 0] * b[..., 1] - a[:, 1] * b[..., 0], (a * b).sum(axis=-1)))
+    lies = ((turned > TOPPLED_ANGLE) | np.isnan(turned)).all(axis=1)
     step = np.diff(tracked.times, append=tracked.times[-1:])[enough]
     return float(tracked.times[enough][lies][0]) if step[lies].sum() > _MIN_LYING_TIME else None
+
+
+def find_any_fall(rest: FloatArray, recording: Recording) -> float | None:
+    """When a filmed robot fell, in its plane or sideways [s]; None if it did not. `rest` as in
+    `stays_upright`."""
+    falls = [t for t in (find_fall(rest, recording.tracked), recording.fell_at) if t is not None]
+    return min(falls, default=None)
 
 
 @dataclass(frozen=True)

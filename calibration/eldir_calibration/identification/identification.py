@@ -29,7 +29,7 @@ from eldir_calibration.dynamics.recording import (
     Measurements,
     Progress,
     Recording,
-    stays_upright,
+    find_any_fall,
 )
 from eldir_calibration.dynamics.results import STOPPED, identify_robot
 from eldir_calibration.report.comparison import Motion
@@ -167,16 +167,17 @@ def read_filmed_gait(run: LoggedRun, film: Recording) -> FilmedGait | None:
     own = slice(run.design.morphology.motors)
     gait = Gait(gait.period, gait.phase[own], gait.duty[own])
     motion = Motion(film.tracked, film.start, film.period, film.cycles, run.robot.body_length)
-    upright = stays_upright(run.robot.positions[run.design.marks], film.tracked)
+    upright = find_any_fall(run.robot.positions[run.design.marks], film) is None
     return FilmedGait.of(gait, motion.displacement(), upright, film.cycles, run.log.path.name)
 
 
 def read_recording(run: LoggedRun, progress: Callable[[int], None] = lambda frames: None) -> Recording:
     """A log as a recording: markers in its frames, or else as tracked during the run; contacts as read
     back."""
-    log, names = run.log, run.names
+    log, names, loss = run.log, run.names, None
     if log.frame_count:
-        motion = track_run(run, progress).motion
+        tracked = track_run(run, progress)
+        motion, loss = tracked.motion, tracked.loss
     elif log.tracks is not None and log.tracks.names == names:
         motion = run.motion(log.tracks)
     else:
@@ -187,7 +188,12 @@ def read_recording(run: LoggedRun, progress: Callable[[int], None] = lambda fram
             found="no frames" if log.tracks is None else ", ".join(log.tracks.names),
         )
     return Recording(
-        motion.trajectory, run.contact_shares(INTERVAL), motion.start, motion.period, motion.cycles
+        motion.trajectory,
+        run.contact_shares(INTERVAL),
+        motion.start,
+        motion.period,
+        motion.cycles,
+        loss.last_seen_s if loss is not None and loss.fell else None,
     )
 
 

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from eldir.built.walking import TOPPLED_ANGLE, rotation
 from eldir.parameters.robot import QUANTITIES, RobotParameters
 from eldir.trajectory import Trajectory
 from eldir_calibration.dynamics._ensemble import next_share, update
@@ -159,3 +160,20 @@ def test_a_fall_has_a_time() -> None:
     assert find_fall(rest, Trajectory(names, times, falls)) == pytest.approx(3.0)
     assert not stays_upright(rest, Trajectory(names, times, falls))
     assert find_fall(rest, Trajectory(names, times, stands)) is None
+
+
+def test_a_limb_that_swings_is_no_fall() -> None:
+    """A body with three markers stands, and its motor swings the rear one by 100 degrees about the middle."""
+    rest = np.array([[0.0, 0.0], [0.02, 0.05], [0.03, 0.1]])
+    times = np.arange(0.0, 30.0, 0.1)
+    angle = np.deg2rad(-100.0) * np.sin(np.pi * times / 30.0) ** 2
+    arm = rest[0] - rest[1]
+    turned = np.stack(
+        [np.cos(angle) * arm[0] - np.sin(angle) * arm[1], np.sin(angle) * arm[0] + np.cos(angle) * arm[1]], 1
+    )
+    swings = np.tile(rest, (len(times), 1, 1))
+    swings[:, 0] = rest[1] + turned
+    assert np.abs(rotation(rest, swings)).max() > TOPPLED_ANGLE, "of all markers taken for one rigid body"
+    assert find_fall(rest, Trajectory(("m1", "m2", "m3"), times, swings)) is None
+    lying = swings @ np.array([[0.0, 1.0], [-1.0, 0.0]])
+    assert find_fall(rest, Trajectory(("m1", "m2", "m3"), times, lying)) is not None

@@ -1,0 +1,170 @@
+"""Which runs count, and what is not heated: other robots, rigs and currents, pauses, falls, hot springs."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from eldir.built.gait import Gait
+from eldir.built.samples import SampledWalks
+from eldir.built.scene import PrintedScene
+from eldir.design import Ballast, Design, Variant
+from eldir.errors import InputError
+from eldir.parameters.robot import RobotParameters
+from eldir.trajectory import Trajectory
+from eldir_calibration.adaptation.choice import NoGaitError, require_cool
+from eldir_calibration.adaptation.films import nominal_robot, read_run
+from eldir_calibration.adaptation.heat import planned_contact_shares, robots_peak
+from eldir_calibration.adaptation.loop import adapt
+from eldir_calibration.adaptation.prior import BELIEF, load_prior
+from eldir_calibration.adaptation.runs import AdaptationRun, Fault, best_run, repeatable_runs
+from eldir_calibration.dynamics.belief import Belief
+from eldir_calibration.dynamics.recording import FilmedBody, Recording, find_any_fall
+from eldir_hardware.log.recorder import Recorder
+from eldir_hardware.planning.compiler import compile_schedule
+from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.schedule import ActuationSchedule, PredictedWalk
+from tests.calibration.adaptation.short_adaptation import make_walker
+from tests.hardware.rigs_and_schedules import rig_text
+from tests.raised import raises
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> Rig:
+    (tmp_path / "rig.yaml").write_text(rig_text(seed=4, design="design.json"))
+    return Rig.load(tmp_path / "rig.yaml")
+
+
+@pytest.fixture
+def design() -> Design:
+    return make_walker()
+
+
+def schedule(rig: Rig, pulse: float) -> ActuationSchedule:
+    return compile_schedule(Gait(30.0, np.array([0.0, 0.5]), np.full(2, pulse / 30.0)), rig)
+
+
+def belief(design: Design, rig: Rig, current: float, misfit: float = 0.5) -> Belief:
+    """Eight robots with about this much more current than the supply is set to, in prior deviations."""
+    z = np.array([current, 0.0]) + 1e-3 * np.random.default_rng(1).standard_normal((8, 2))
+    body = FilmedBody(design.morphology, design.marks, design.ballast / 2)
+    return Belief(nominal_robot(rig), body, ("current", "friction"), z, misfit)
+
+
+def test_nothing_is_heated_that_gets_too_hot_by_what_the_films_tell(rig: Rig, design: Design) -> None:
+    """With longer pulses than those that were filmed, too; whatever the rig file proves for its springs."""
+    short, long = schedule(rig, 3.0), schedule(rig, 6.0)
+    hot = belief(design, rig, 1.5)
+    require_cool(design, rig, short, hot.scene, hot)
+    with pytest.raises(NoGaitError, match=r"would reach \d+ C, .* the limit is 90 C. With a lower current"):
+        require_cool(design, rig, long, hot.scene, hot)
+    with pytest.raises(NoGaitError):
+        require_cool(design, rig, long, hot.scene, None)  # of other robots of the kit
+    for tells_nothing in (belief(design, rig, 0.0), belief(design, rig, 1.5, misfit=1.5)):
+        require_cool(design, rig, long, tells_nothing.scene, tells_nothing)
+    require_cool(design, rig, long, None, None)
+
+
+def test_a_planned_schedule_heats_as_its_log_says(rig: Rig, design: Design) -> None:
+    """Both contacts of a motor closed for six seconds of thirty; the nominal robot's peak is that of one
+    spring alone."""
+    shares = planned_contact_shares(schedule(rig, 6.0), rig, 2)
+    cycles = len(shares) * 0.05 / 30.0
+    np.testing.assert_allclose(shares.sum(axis=0) * 0.05, 6.0 * int(cycles), atol=0.2)
+    one = robots_peak(design.morphology, [nominal_robot(rig)], shares)
+    both = robots_peak(design.morphology, [nominal_robot(rig)] * 2, shares)
+    assert one == pytest.approx(both) and 45.0 < one < rig.limits.max_temperature_c
+
+
+def run(filmed: float, current: float = 3.6, upright: bool = True) -> AdaptationRun:
+    return AdaptationRun("schedule.json", "run.mcap", current, None, None, None, filmed, upright)
+
+
+def test_the_best_run_is_one_that_the_supply_can_repeat() -> None:
+    runs = [run(2.8), run(1.5), run(2.0, 3.4), run(9.0, upright=False)]
+    hot = Fault(1, "hot", "the springs get hotter than the limit", "lower the current")
+    assert best_run(runs, [], 3.6) == 1
+    assert best_run(runs, [hot], 3.6) == 2 and best_run(runs, [hot], 3.4) == 3
+    assert best_run(runs, [hot], 3.5) is None and repeatable_runs(runs, [hot], 3.6) == [2, 4]
+    assert best_run(runs, [replace(hot, kind="fall")], 3.6) == 1
+
+
+def log(folder: Path, rig: Rig, design: Design, *events: str) -> Path:
+    (folder / "run.mcap").unlink(missing_ok=True)
+    with Recorder(folder / "run.mcap", [f"channel{c}" for c in range(1, 5)], []) as recorder:
+        recorder.attach("schedule.json", json.dumps(schedule(rig, 3.0).to_json()).encode())
+        recorder.attach("rig.yaml", (folder / "rig.yaml").read_bytes())
+        recorder.attach("design.json", json.dumps(design.to_json()).encode())
+        for event in events:
+            recorder.on_event(40.0, event)
+    return folder / "run.mcap"
+
+
+def test_runs_of_other_robots_and_rigs_and_with_pauses_do_not_count(
+    tmp_path: Path, rig: Rig, design: Design
+) -> None:
+    def read(log: Path, rig: Rig = rig) -> None:
+        read_run(log, design, rig, lambda what, part: None)
+
+    with raises(InputError, "adapt.paused", match="paused in cycle 2"):
+        read(log(tmp_path, rig, design, "paused in cycle 2"))
+    with raises(InputError, "dynamics.different-robots"):
+        read(log(tmp_path, rig, replace(design, variant=Variant(ballast=Ballast(5.0, 0)))))
+    with raises(InputError, "dynamics.different-rigs", match="a real rig; found a virtual one"):
+        read(log(tmp_path, rig, design), rig.model_copy(update={"kind": "real"}))
+    with raises(InputError, "log.no-positions"):
+        read(log(tmp_path, rig, design))
+
+
+def test_springs_that_share_an_output_are_refused_before_they_are_heated(
+    tmp_path: Path, rig: Rig, design: Design
+) -> None:
+    design.save(tmp_path / "design.json")
+    shared = rig.model_copy(update={"supply": rig.supply.model_copy(update={"outputs": "shared"})})
+
+    def drive(schedule: ActuationSchedule, log: Path) -> None:
+        raise AssertionError("it heats")
+
+    with raises(InputError, "adapt.shared-output"):
+        adapt(tmp_path / "design.json", shared, tmp_path / "out", drive)
+
+
+def test_a_robot_that_falls_sideways_did_not_stay_upright() -> None:
+    """Its markers turn in no picture: they vanish."""
+    rest = np.array([[0.0, 0.0], [0.1, 0.0], [0.1, 0.1]])
+    times = np.arange(0.0, 6.0, 0.1)
+    stands = Trajectory(("m1", "m2", "m3"), times, np.tile(rest, (len(times), 1, 1)))
+    seen = Recording(stands, np.zeros((120, 1)), 0.0, 1.0, 6)
+    assert find_any_fall(rest, seen) is None and find_any_fall(rest, replace(seen, fell_at=4.2)) == 4.2
+
+
+def test_a_prior_that_began_with_other_springs_is_refused(tmp_path: Path, rig: Rig, design: Design) -> None:
+    """Its deviations would be added to the correction that was made of them. Supply and air may differ."""
+    told = belief(design, rig, 0.3).scene
+    told.save(tmp_path / BELIEF)
+    nominal, tolerances = nominal_robot(rig), rig.spring_tolerances()
+
+    def prior(**changes: float) -> PrintedScene:
+        robot = RobotParameters(nominal.printed, replace(nominal.springs, **changes))
+        return load_prior([tmp_path], robot, tolerances)
+
+    with raises(InputError, "adapt.other-springs", match="another hot_length"):
+        prior(hot_length=0.9 * nominal.springs.hot_length)
+    with raises(InputError, "adapt.other-parameters"):  # which two parameters are not all: springs agree
+        prior(current_limit=3.2, ambient=25.0)
+
+
+@pytest.mark.parametrize("fell", [0, 3, 8])
+def test_a_predicted_walk_tells_all_samples(fell: int) -> None:
+    walks = np.concatenate([np.full(fell, -np.inf), np.random.default_rng(2).normal(1.0, 0.3, 8 - fell)])
+    sampled = SampledWalks(walks)
+    known = fell < 8
+    told = PredictedWalk(
+        samples=8, fell=fell, mean=sampled.mean if known else None, spread=sampled.spread if known else None
+    )
+    assert told.spread_with_falls == pytest.approx(sampled.spread_with_falls)
+    assert told.expected == (pytest.approx(sampled.expected) if known else None)
