@@ -59,7 +59,7 @@ class AdaptationRun(Record):
     upright: bool
     """Whether the robot stayed upright."""
     cycles: Annotated[Annotated[int, Field(ge=0)] | None, OMITTED] = None
-    """Cycles of the film that the walk is told from, if the markers were not lost later; missing in older
+    """Cycles that the film shows: fewer than the schedule's where the markers were lost; missing in older
     files."""
 
 

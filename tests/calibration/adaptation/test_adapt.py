@@ -222,8 +222,9 @@ def test_springs_that_are_too_hot_are_not_heated_again_before_the_current_is_low
     )
     found = hot.adapt(config=config)
     assert hot.driven == ["run_01"] and found.ended.startswith(
-        "the springs get hotter than the limit of 90 C"
+        "run 1: the springs get hotter than the limit of 90 C"
     )
+    assert found.best is None and not (hot.folder / "out" / "schedule.json").exists()
     assert [fault.kind for fault in found.faults] == ["hot"] and found.heat is not None
     advised = re.search(r"current limit to ([\d.]+) A", found.faults[0].remedy)
     assert advised is not None and float(advised[1]) < own
