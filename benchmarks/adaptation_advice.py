@@ -17,15 +17,15 @@ from typing import Any
 from benchmarks.headroom import Search
 from benchmarks.hidden_robot import Rows
 from eldir.built.gait import Gait
+from eldir.built.samples import RISK
 from eldir.errors import InputError
 from eldir_calibration.adaptation.loop import adapt
 from eldir_calibration.adaptation.runs import Adaptation, AdaptationConfig, SupplyAdvice
 from eldir_hardware.planning.compiler import extract_gait
+from eldir_hardware.rig.sections import MEASURED_CURRENT
 from eldir_hardware.rig.template import CURRENT_LIMIT_A
 from eldir_hardware.schedule import ActuationSchedule
 
-MEASURED = 0.02
-"""A tolerance of the current that says that it was measured."""
 CYCLES = 3
 """Counted cycles of a filmed run, and of a walk in MuJoCo."""
 
@@ -40,7 +40,7 @@ def follow_advice(designs: Sequence[Path], seeds: Sequence[int], runs: int, out:
         if row is None:
             row = _row(design_file, seed, runs, out / f"{design_file.stem}-{seed}")
             rows.add(row)
-        print(describe(row), flush=True)
+        print(_describe(row), flush=True)
 
 
 def _row(design_file: Path, seed: int, runs: int, folder: Path) -> dict[str, Any]:
@@ -53,7 +53,7 @@ def _row(design_file: Path, seed: int, runs: int, folder: Path) -> dict[str, Any
         return row | {"refused": str(error), "processor_s": time.process_time() - begin}
     row |= {"first": found.to_json(), "current_a": CURRENT_LIMIT_A}
     last = found
-    if advised := choose(found.advice):
+    if advised := _choose(found.advice):
         prior, current = place.folder / "adapted", advised.current_limit_a
         place = Search(design_file, seed, folder / "advised", current)
         last = adapt(design_file, place.rig, place.folder / "adapted", place.drive, config, prior=[prior])
@@ -64,15 +64,15 @@ def _row(design_file: Path, seed: int, runs: int, folder: Path) -> dict[str, Any
     return row | {"headroom": tried, "best": max(row["last"], tried["best"])}
 
 
-def choose(advice: Sequence[SupplyAdvice]) -> SupplyAdvice | None:
+def _choose(advice: Sequence[SupplyAdvice]) -> SupplyAdvice | None:
     """The advice with a measured current that predicts the longest walk, of those that are likely to bring
     it; None without."""
-    measured = [one for one in advice if one.current <= MEASURED and one.predicted is not None]
-    return max(measured, key=_promise, default=None)
-
-
-def _promise(one: SupplyAdvice) -> float:
-    return (one.predicted or 0.0) - 0.5 * (one.deviation or 0.0)
+    promised = [
+        (one.predicted - RISK * one.deviation, one)
+        for one in advice
+        if one.current <= MEASURED_CURRENT and one.predicted is not None and one.deviation is not None
+    ]
+    return max(promised, key=lambda pair: pair[0], default=(0.0, None))[1]
 
 
 def _true_walk(place: Search, adaptation: Adaptation) -> float:
@@ -85,7 +85,7 @@ def _true_walk(place: Search, adaptation: Adaptation) -> float:
     return walk if math.isfinite(walk) else 0.0
 
 
-def describe(row: dict[str, Any]) -> str:
+def _describe(row: dict[str, Any]) -> str:
     """The row of a rig in the table."""
     if row["refused"]:
         return f"| {row['design']} | {row['seed']} | {row['refused']} | | | | |"

@@ -28,7 +28,7 @@ from eldir.built.screening import PHASES
 from eldir.core.records import FloatArray
 from eldir.trajectory import Trajectory
 from eldir_calibration.adaptation.films import nominal_robot
-from eldir_calibration.adaptation.heat import peak_temperatures
+from eldir_calibration.adaptation.heat import peak_temperatures, robots_of
 from eldir_calibration.dynamics.belief import believe
 from eldir_calibration.dynamics.recording import INTERVAL, FilmedBody, Recording, find_fall
 from eldir_hardware.planning.plan import heating_limits
@@ -80,7 +80,8 @@ def _peaks(place: Search) -> dict[str, Any]:
         return found | {"fall_s": fall}
     body = FilmedBody(design.morphology, design.marks, design.ballast / 2)
     belief = believe(body, [recording], nominal_robot(place.rig))
-    peaks = peak_temperatures(belief, recording.contact_shares, place.rig.spring_parameters().current_limit)
+    members = robots_of(belief, place.rig.spring_parameters().current_limit)
+    peaks = peak_temperatures(body.morphology, members, recording.contact_shares)
     return found | {"believed_c": float(peaks.mean()), "deviation_c": float(peaks.std())}
 
 

@@ -63,7 +63,7 @@ class PredictedWalk(Record):
     @property
     def expected(self) -> float | None:
         """Mean of all sampled robots, a fall counted as no motion; None if all fall."""
-        return None if self.mean is None else self.mean * self._standing
+        return None if self.mean is None else self.mean * (1.0 - self.fell / max(self.samples, 1))
 
     @property
     def spread_with_falls(self) -> float:
@@ -73,10 +73,6 @@ class PredictedWalk(Record):
             return self.spread or 0.0
         squares = max(k - 1, 0) * (self.spread or 0.0) ** 2 + k * mean**2
         return float(max(squares - k**2 * mean**2 / n, 0.0) / (n - 1)) ** 0.5
-
-    @property
-    def _standing(self) -> float:
-        return 1.0 - self.fell / self.samples if self.samples else 1.0
 
 
 @record

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -64,19 +63,24 @@ def adapt(
         require_unlatched(rig.board.port)
     _require_camera(rig)
 
+    from eldir_app.commands.rig.drive import play, print_notes
     from eldir_calibration.adaptation.loop import adapt
     from eldir_calibration.adaptation.runs import AdaptationConfig
-
-    end = None if minutes is None else time.monotonic() + 60 * minutes
+    from eldir_hardware.run.drive import DriveConfig
 
     with progress_bar(note="each run takes as long as its schedule, and the computer a minute or two") as bar:
         task = bar.add_task("reading", total=None)
 
+        def ask(number: int, schedule: ActuationSchedule) -> None:
+            bar.stop()
+            print_notes(schedule, rig, rig_file, design)
+            if rig.kind == "real" and not unattended:
+                _ask(number, schedule)
+            bar.start()
+
         def drive(schedule: ActuationSchedule, log: Path) -> None:
             bar.stop()
-            if rig.kind == "real" and not unattended:
-                _ask(schedule, log, end)
-            _drive(schedule, log, rig, rig_file, design, room)
+            play(schedule, rig, rig_file, log, DriveConfig(design, room_c=room))
             bar.start()
 
         def show(what: str, part: float) -> None:
@@ -86,24 +90,18 @@ def adapt(
             typer.echo(_describe(number, run))
 
         config = AdaptationConfig(runs=runs, minutes=minutes, seed=seed)
-        found = adapt(design, rig, out, drive, config, show, print_run, prior=prior or ())
+        found = adapt(design, rig, out, drive, config, show, print_run, ask=ask, prior=prior or ())
     typer.echo(f"ended: {found.ended}")
     if not found.runs:
         return
-    if found.misfit is not None and found.misfit > 1.0:
-        typer.echo(
-            "the robot moves as no simulated one does: the films do not tell how hot its springs get, nor "
-            "what another current would bring; look for a marker that was lost or a part that rubs"
-        )
-    if found.heat is not None:
-        typer.echo(_describe_heat(found.heat, rig))
+    typer.echo(_describe_heat(found.heat, rig))
     for fault in found.faults:
         typer.echo(f"run {fault.run}: {fault.text}; {fault.remedy}")
     typer.echo(f"wrote {out / 'adaptation.html'}")
     if found.best is None:
         typer.echo(
-            f"no schedule is written: there is no run with {rig.supply.current_limit_a:g} A in which the "
-            "robot stayed upright, and its springs below their limit"
+            f"no schedule is written: every run with {rig.supply.current_limit_a:g} A ended with a fall or "
+            "with springs above their limit, or there is none"
         )
         return
     best = found.runs[found.best - 1]
@@ -145,34 +143,13 @@ def _require_camera(rig: Rig) -> None:
         )
 
 
-def _ask(schedule: ActuationSchedule, log: Path, end: float | None) -> None:
-    """Wait until a person has put the robot back. Raises `NoGaitError` if the run would end after `end` by
-    then, by the monotonic clock."""
-    from eldir_calibration.adaptation.choice import NoGaitError
-
+def _ask(number: int, schedule: ActuationSchedule) -> None:
+    """Wait until a person has put the robot back."""
     typer.confirm(
-        f"{log.parent.name}: {schedule.duration:.0f} s of heating and rest. "
+        f"run {number}: {schedule.duration:.0f} s of heating and rest. "
         "Put the robot at its start, in sight of the camera. Heat now?",
         abort=True,
     )
-    if end is not None and time.monotonic() + schedule.duration > end:
-        raise NoGaitError("the time of --minutes is up")
-
-
-def _drive(
-    schedule: ActuationSchedule,
-    log: Path,
-    rig: Rig,
-    rig_file: Path,
-    design: Path,
-    room: float | None,
-) -> None:
-    """Play a schedule as `eldir rig drive` does."""
-    from eldir_app.commands.rig.drive import play, print_notes
-    from eldir_hardware.run.drive import DriveConfig
-
-    print_notes(schedule, rig, rig_file, design)
-    play(schedule, rig, rig_file, log, DriveConfig(design, room_c=room))
 
 
 def _describe(number: int, run: AdaptationRun) -> str:
@@ -184,13 +161,20 @@ def _describe(number: int, run: AdaptationRun) -> str:
     )
     filmed = f"{run.filmed:+.2f}" if run.upright else "a fall"
     line = f"run {number}: predicted {before}, filmed {filmed} body lengths per five cycles"
+    if run.cycles is not None and run.upright:
+        line += f", over {run.cycles} cycles"
     if run.misfit is not None and run.misfit > 1.0:
         line += "; in the films before, the robot moved as no simulated one does"
     return line
 
 
-def _describe_heat(heat: SpringHeat, rig: Rig) -> str:
-    """One line about the springs in the last run."""
+def _describe_heat(heat: SpringHeat | None, rig: Rig) -> str:
+    """One line about the springs in the last run, or why nothing is known of them."""
+    if heat is None:
+        return (
+            "the robot moves as no simulated one does: the films do not tell how hot its springs get, nor "
+            "what another current would bring; look for a marker that was lost or a part that rubs"
+        )
     low, high = heat.peak_interval
     return (
         f"the springs reach {heat.peak_c:.0f} C ({low:.0f} to {high:.0f}; limit "

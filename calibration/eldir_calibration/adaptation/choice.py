@@ -19,17 +19,22 @@ from eldir.built.samples import (
 )
 from eldir.built.scene import PrintedScene
 from eldir.design import Design
-from eldir.parameters.robot import RobotParameters, perturb_robot
+from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
 from eldir_calibration.adaptation.films import FilmedWalk
-from eldir_calibration.adaptation.heat import keeps_limit, planned_contact_shares, robots_peak
+from eldir_calibration.adaptation.heat import (
+    find_safe_current,
+    peak_temperatures,
+    planned_contact_shares,
+    robots_of,
+)
 from eldir_calibration.adaptation.runs import AdaptationConfig, AdaptationRun, SupplyAdvice
 from eldir_calibration.dynamics.belief import Belief
 from eldir_calibration.identification.identification import RobotFilms
 from eldir_hardware.planning.compiler import extract_gait
 from eldir_hardware.planning.plan import PlanConfig, heating_limits, plan, plan_gait
 from eldir_hardware.rig.configuration import Rig
-from eldir_hardware.safety.margins import SUPPLY_STEP, rigs_with_narrower_tolerances
+from eldir_hardware.safety.margins import rigs_with_narrower_tolerances
 from eldir_hardware.schedule import ActuationSchedule
 
 _MEMBERS = 16
@@ -83,12 +88,12 @@ def require_cool(
     """
     if scene is None or (belief is not None and not belief.explains):
         return
-    shares = planned_contact_shares(schedule, rig, design.morphology.motors)
     if belief is None:
         robots = IdentifiedRobots.of(design, scene).samples(_MEMBERS, 0)
     else:
-        robots = [perturb_robot(design.morphology, belief.nominal, belief.names, z) for z in belief.z]
-    peak, limit = robots_peak(design.morphology, robots, shares), rig.limits.max_temperature_c
+        robots = robots_of(belief, rig.spring_parameters().current_limit)
+    body, limit = design.morphology, rig.limits.max_temperature_c
+    peak = peak_temperatures(body, robots, planned_contact_shares(schedule, rig, body.motors)).mean()
     if peak > limit:
         raise NoGaitError(
             f"in the next run the springs would reach {peak:.0f} C, by what the films tell, and the limit is "
@@ -172,21 +177,19 @@ def advise_supply(
     assert gait is not None  # which was filmed
     robots, own = IdentifiedRobots.of(design, scene), rig.spring_parameters().current_limit
     samples, max_c = robots.samples(config.samples, config.seed), rig.limits.max_temperature_c
-    believed = float(np.mean([robot.springs.current_limit for robot in samples]))
+    present = float(np.mean([robot.springs.current_limit for robot in samples]))
     (bias, error), found = discrepancy(design, scene, films, own), []
     for other in rigs_with_narrower_tolerances(best.schedule, rig):
-        highest, allowed = other.spring_parameters().current_limit, other.tolerances
+        allowed = other.tolerances
         measures = allowed.current_is_measured and not rig.tolerances.current_is_measured
-        tolerance = allowed.current if measures else None
-        steps = range(int(highest / SUPPLY_STEP + 1e-6), 0, -1)
-        currents = [c for k in steps if (c := round(SUPPLY_STEP * k, 2)) > (believed if measures else own)]
-        limit = next(
-            (
-                c
-                for c in currents
-                if keeps_limit(belief, best.film, max_c, c, tolerance, allowed.ambient_max_c)
-            ),
-            None,
+        limit = find_safe_current(
+            belief,
+            best.film,
+            max_c,
+            other.spring_parameters().current_limit,
+            above_a=present if measures else own,
+            tolerance=allowed.current if measures else None,
+            air_c=allowed.ambient_max_c,
         )
         if limit is None:
             continue

@@ -21,6 +21,7 @@ from eldir_calibration.dynamics.belief import Belief
 from eldir_calibration.dynamics.recording import INTERVAL, FilmedBody, Recording, find_any_fall
 from eldir_calibration.identification.identification import RobotFilms
 from eldir_calibration.report.comparison import PHASE_SAMPLES, Motion
+from eldir_hardware.safety.margins import SUPPLY_STEP
 
 _MAX_IDLE = 0.2
 """A motor does nothing if its stroke is at most this part of the longest one's: of springs that work it is
@@ -108,7 +109,7 @@ def _find_hot_springs(number: int, film: RobotFilms, belief: Belief, limit_c: fl
     if not belief.explains or heat.peak_c <= limit_c:
         return ()
     low, high = heat.peak_interval
-    lower = find_safe_current(belief, film, limit_c)
+    lower = find_safe_current(belief, film, limit_c, film.nominal.springs.current_limit) or SUPPLY_STEP
     return (
         Fault(
             number,

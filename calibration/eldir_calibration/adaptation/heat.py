@@ -69,53 +69,54 @@ def planned_contact_shares(schedule: ActuationSchedule, rig: Rig, motors: int) -
     return np.stack(shares, axis=1).astype(float)
 
 
-def find_safe_current(belief: Belief, film: RobotFilms, limit_c: float) -> float:
-    """Highest current limit, not above that of the run, for which `keeps_limit` holds, in steps of a supply
-    [A]; the lowest step where none is found."""
-    steps = range(int(film.nominal.springs.current_limit / SUPPLY_STEP + 1e-6), 1, -1)
+def find_safe_current(
+    belief: Belief,
+    film: RobotFilms,
+    limit_c: float,
+    max_a: float,
+    *,
+    above_a: float = 0.0,
+    tolerance: float | None = None,
+    air_c: float | None = None,
+) -> float | None:
+    """Highest current limit up to `max_a`, and above `above_a`, for which `keeps_limit` holds, in steps of a
+    supply [A]; None if there is none. `tolerance` and `air_c` as there."""
+    steps = range(int(max_a / SUPPLY_STEP + 1e-6), int(above_a / SUPPLY_STEP + 1e-6), -1)
     currents = (round(SUPPLY_STEP * k, 2) for k in steps)
-    return next((c for c in currents if keeps_limit(belief, film, limit_c, c)), SUPPLY_STEP)
+    return next((c for c in currents if keeps_limit(belief, film, limit_c, c, tolerance, air_c)), None)
 
 
 def spring_strokes(belief: Belief, recording: Recording, current_a: float) -> tuple[FloatArray, FloatArray]:
     """How far the spring of each motor of each member moves in the cycles that count: as a part of what it
     could, and in metres, shape (N, A) each. `current_a`: current limit of the supply."""
-    each, history = _heat_members(belief, recording.contact_shares, current_a)
+    members = robots_of(belief, current_a)
+    each, history = _heat_robots(belief.body.morphology, members, recording.contact_shares)
     strokes = np.ptp(history.length[int(recording.start / INTERVAL) :], axis=0)
     possible = np.array([s.hot_length - s.cold_length for s in each])
     shape = len(belief.z), -1
     return (strokes / possible).reshape(shape), strokes.reshape(shape)
 
 
-def peak_temperatures(belief: Belief, contact_shares: FloatArray, current_a: float) -> FloatArray:
-    """Highest temperature of the springs of each member [C], shape (N,), in the belief's air.
-    `contact_shares` as in `Recording`, `current_a`: current limit of the supply."""
-    _, history = _heat_members(belief, contact_shares, current_a)
-    return history.temperature.max(axis=0).reshape(len(belief.z), -1).max(axis=1)
+def robots_of(belief: Belief, current_a: float) -> list[RobotParameters]:
+    """The members of a belief on a supply with this current limit."""
+    springs = replace(belief.nominal.springs, current_limit=current_a)
+    nominal = replace(belief.nominal, springs=springs)
+    return [perturb_robot(belief.body.morphology, nominal, belief.names, z) for z in belief.z]
 
 
-def robots_peak(
+def peak_temperatures(
     morphology: Morphology, robots: Sequence[RobotParameters], contact_shares: FloatArray
-) -> float:
-    """Mean over robots of the highest temperature of their springs [C]."""
+) -> FloatArray:
+    """Highest temperature of the springs of each robot [C], shape (N,), in its own air. `contact_shares` as
+    in `Recording`."""
     _, history = _heat_robots(morphology, robots, contact_shares)
-    return float(history.temperature.max(axis=0).reshape(len(robots), -1).max(axis=1).mean())
+    return history.temperature.max(axis=0).reshape(len(robots), -1).max(axis=1)
 
 
 def _mean_peak(belief: Belief, contact_shares: FloatArray, current_a: float) -> tuple[float, float]:
     """Mean of the members' peak temperatures [C], and their standard deviation with the model's error [K]."""
-    peaks = peak_temperatures(belief, contact_shares, current_a)
+    peaks = peak_temperatures(belief.body.morphology, robots_of(belief, current_a), contact_shares)
     return float(peaks.mean()), float(np.hypot(peaks.std(), _MODEL_ERROR))
-
-
-def _heat_members(
-    belief: Belief, contact_shares: FloatArray, current_a: float
-) -> tuple[list[SpringParameters], SpringHistory]:
-    """The springs of all members, motor by motor, and what they do from cold."""
-    morphology, springs = belief.body.morphology, replace(belief.nominal.springs, current_limit=current_a)
-    nominal = replace(belief.nominal, springs=springs)
-    members = [perturb_robot(morphology, nominal, belief.names, z) for z in belief.z]
-    return _heat_robots(morphology, members, contact_shares)
 
 
 def _heat_robots(

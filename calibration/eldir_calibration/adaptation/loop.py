@@ -12,6 +12,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -47,7 +48,6 @@ from eldir_calibration.adaptation.runs import (
     AdaptationRun,
     Fault,
     SpringHeat,
-    SupplyAdvice,
     best_run,
     repeatable_runs,
 )
@@ -88,6 +88,7 @@ def adapt(
     progress: Progress = lambda what, part: None,
     on_run: Callable[[int, AdaptationRun], None] = lambda number, run: None,
     *,
+    ask: Callable[[int, ActuationSchedule], None] = lambda number, schedule: None,
     prior: Sequence[Path] = (),
     clock: Callable[[], float] = time.monotonic,
 ) -> Adaptation:
@@ -95,7 +96,8 @@ def adapt(
     walk farther, or there are `config.runs`, or the next one would end after `config.minutes`, or the last
     film shows a fault that must be repaired.
 
-    `on_run` is called with each run after its film was read. `prior`: folders of adaptations of other robots
+    `ask` is called before each run with its number and schedule, and returns when it may heat; `on_run` is
+    called with each run after its film was read. `prior`: folders of adaptations of other robots
     of the kit; they count from the first run on, so that a folder with runs has them already. The log of a
     film that cannot be used is kept under another name, and the run is repeated by the next call. Raises
     `InputError` for a robot on a printed ground, whose films do not tell where it is, for one with too few
@@ -137,30 +139,33 @@ def adapt(
                 )
                 deadline.require(schedule.duration)
                 require_cool(design, rig, schedule, scene, None if learned is None else learned.belief)
-                place.mkdir(parents=True, exist_ok=True)
-                if scene is not None:
-                    scene.save(place / BELIEF)
-                schedule.save(place / _SCHEDULE)
-                _drive(drive, schedule, log)
+                ask(len(runs) + 1, schedule)
+                deadline.require(schedule.duration)  # a person may have taken long
             except NoGaitError as reason:
                 ended = str(reason)
                 break
+            place.mkdir(parents=True, exist_ok=True)
+            if scene is not None:
+                scene.save(place / BELIEF)
+            schedule.save(place / _SCHEDULE)
+            _drive(drive, schedule, log)
         try:
             films.append(read_run(log, design, rig, progress))
         except InputError:
             _set_aside(log)  # else the same command would fail for ever
             raise
         runs.append(_record(log, design, schedule, films[-1], filmed_walks(films[:-1]), scene))
-        best = best_run(runs, faults, current)
-        _save(folder, Adaptation(tuple(runs), best, "", (), faults))  # those of earlier runs
+        _save(
+            folder, Adaptation(tuple(runs), best_run(runs, faults, current), "", (), faults)
+        )  # of earlier runs
         on_run(len(runs), runs[-1])
         write_film(log, design, films[-1])
         learned = _learn(design, rig, films, known, faults, config, progress)
-        _report(folder, rig, learned.told(runs, "", (), current), known, learned.scene)
+        _report(folder, rig, learned.summarize(runs, current), known, learned.scene)
     if learned is None:
         return Adaptation((), None, ended)
-    advice = _advise(design, rig, folder, runs, films, learned, config)
-    return _report(folder, rig, learned.told(runs, ended, advice, current), known, learned.scene)
+    found = _advise(design, rig, folder, learned.summarize(runs, current, ended), films, learned, config)
+    return _report(folder, rig, found, known, learned.scene)
 
 
 class _Learned(NamedTuple):
@@ -171,16 +176,10 @@ class _Learned(NamedTuple):
     faults: tuple[Fault, ...]
     heat: SpringHeat | None
 
-    def told(
-        self,
-        runs: Sequence[AdaptationRun],
-        ended: str,
-        advice: tuple[SupplyAdvice, ...],
-        current_limit_a: float,
-    ) -> Adaptation:
-        """The summary after these runs, for the present current limit."""
-        best, misfit = best_run(runs, self.faults, current_limit_a), round(self.belief.misfit, 4)
-        return Adaptation(tuple(runs), best, ended, advice, self.faults, self.heat, misfit)
+    def summarize(self, runs: Sequence[AdaptationRun], current_limit_a: float, ended: str = "") -> Adaptation:
+        """The summary after these runs, for the present current limit, without advice."""
+        best = best_run(runs, self.faults, current_limit_a)
+        return Adaptation(tuple(runs), best, ended, (), self.faults, self.heat)
 
 
 def _learn(
@@ -205,17 +204,19 @@ def _advise(
     design: Design,
     rig: Rig,
     folder: Path,
-    runs: Sequence[AdaptationRun],
+    found: Adaptation,
     films: Sequence[RobotFilms],
     learned: _Learned,
     config: AdaptationConfig,
-) -> tuple[SupplyAdvice, ...]:
-    """Advice on the supply for the best run, if there is one and the belief explains the films."""
-    best = best_run(runs, learned.faults, rig.spring_parameters().current_limit)
-    if best is None or not learned.belief.explains:
-        return ()
-    plays = BestRun(ActuationSchedule.load(folder / runs[best - 1].schedule), films[best - 1])
-    return advise_supply(design, rig, plays, filmed_walks(films), learned.scene, learned.belief, config)
+) -> Adaptation:
+    """The summary with advice on the supply for the best run, if there is one and the belief explains the
+    films."""
+    if found.best is None or not learned.belief.explains:
+        return found
+    schedule = ActuationSchedule.load(folder / found.runs[found.best - 1].schedule)
+    plays = BestRun(schedule, films[found.best - 1])
+    advice = advise_supply(design, rig, plays, filmed_walks(films), learned.scene, learned.belief, config)
+    return replace(found, advice=advice)
 
 
 def _require_repaired(faults: Sequence[Fault], runs: Sequence[AdaptationRun], current_limit_a: float) -> None:

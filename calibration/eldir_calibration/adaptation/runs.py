@@ -126,7 +126,7 @@ class Adaptation(FileRecord):
     """Runs of an adaptation, and the best of them. JSON "eldir-adaptation/1"."""
 
     FORMAT = "eldir-adaptation/1"
-    OPTIONAL = frozenset({"faults", "heat", "misfit"})
+    OPTIONAL = frozenset({"faults", "heat"})
 
     runs: tuple[AdaptationRun, ...]
     """The runs, in the order in which they were made."""
@@ -142,9 +142,6 @@ class Adaptation(FileRecord):
     heat: SpringHeat | None = None
     """Heat of the springs in the last run; null before its film was read, and where the belief does not
     explain the films."""
-    misfit: Annotated[float, Field(ge=0)] | None = None
-    """Mean square of what the belief after all films leaves of them, in assumed standard deviations; above 1
-    the robot moves as no simulated one does. null before the first film."""
 
 
 def repeatable_runs(

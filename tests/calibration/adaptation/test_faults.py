@@ -105,7 +105,8 @@ def test_springs_above_the_limit_come_first() -> None:
     assert high - low == pytest.approx(2 * 1.96 * heat.peak_deviation_c)
     (fault,) = find_faults(2, seen, belief, peak - 1.0)
     assert (fault.run, fault.kind) == (2, "hot") and f"the film tells {peak:.0f} C" in fault.text
-    safe = find_safe_current(belief, seen, peak - 1.0)
+    safe = find_safe_current(belief, seen, peak - 1.0, SPRINGS.current_limit)
+    assert safe is not None and find_safe_current(belief, seen, peak - 1.0, 9.0, above_a=safe) is None
     assert f"lower the current limit to {safe:.2f} A" in fault.remedy and safe < SPRINGS.current_limit
     assert [keeps_limit(belief, seen, peak - 1.0, a) for a in (safe, safe + 0.05)] == [True, False]
     measured = SPRINGS.current_limit  # what the supply then gives
