@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import ndtr
 
-from eldir.built.gait_search import GaitSearchResult, Stage, search_robust_gait, silent
+from eldir.built.gait import Gait
+from eldir.built.gait_search import GaitSearchResult, HeatingLimits, Stage, search_robust_gait, silent
 from eldir.built.samples import (
     IdentifiedRobots,
     SampledWalks,
@@ -31,7 +32,7 @@ from eldir_calibration.adaptation.heat import (
 from eldir_calibration.adaptation.runs import AdaptationConfig, AdaptationRun, SupplyAdvice
 from eldir_calibration.dynamics.belief import Belief
 from eldir_calibration.identification.identification import RobotFilms
-from eldir_hardware.planning.compiler import extract_gait
+from eldir_hardware.planning.compiler import compile_schedule, extract_gait
 from eldir_hardware.planning.plan import PlanConfig, heating_limits, plan, plan_gait
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.safety.margins import rigs_with_narrower_tolerances
@@ -51,17 +52,21 @@ def plan_run(
     plans: PlanConfig,
     runs: Sequence[AdaptationRun],
     films: Sequence[FilmedWalk],
+    believed: Sequence[RobotParameters],
     config: AdaptationConfig,
     stage: Stage = silent,
 ) -> ActuationSchedule:
     """The schedule of the next run: the one that `eldir gait` makes for a robot without films, or that of the
-    gait that is expected to walk farthest. `runs`: those whose walks the supply can repeat. Raises
-    `NoGaitError` if none is worth a run."""
+    gait that is expected to walk farthest, of those that keep the springs of the `believed` robots cool.
+    `runs`: those whose walks the supply can repeat. Raises `NoGaitError` if none is worth a run."""
     if plans.scene is None or not films:
-        return plan(design, rig, plans, stage)
+        schedule = plan(design, rig, plans, stage)
+        require_cool(design, rig, schedule, believed)
+        return schedule
     filmed = plans.scene.filmed_of(design)
     robots = IdentifiedRobots.of(design, plans.scene)
-    gait = search_robust_gait(robots, heating_limits(rig), filmed, plans.seed, stage)
+    limits = believed_limits(design, rig, robots.robot.springs, believed)
+    gait = search_robust_gait(robots, limits, filmed, plans.seed, stage)
     stage(f"predicting the walks of {config.samples} samples")
     (walks,) = sample_walks(robots, [gait], config.samples, plans.seed)
     best = max((run.filmed for run in runs if run.upright), default=0.0)  # of those that count
@@ -75,30 +80,63 @@ def plan_run(
         )
     reason = f"expected improvement over {best:+.2f}: {gain:.2f} body lengths per five cycles"
     found = GaitSearchResult({"search": gait}, {"search": walks}, "search", reason=reason)
-    return plan_gait(design, rig, found, plans, stage)
+    schedule = plan_gait(design, rig, found, plans, stage)
+    require_cool(design, rig, schedule, believed)
+    return schedule
+
+
+def believed_robots(
+    design: Design, rig: Rig, scene: PrintedScene | None, belief: Belief | None
+) -> list[RobotParameters]:
+    """Robots that may be the one on the table. `belief`: that after the films; before them `scene`, what
+    films of other robots tell. Empty where neither tells anything, such as a belief that does not explain its
+    films."""
+    if belief is not None:
+        return robots_of(belief, rig.spring_parameters().current_limit) if belief.explains else []
+    return [] if scene is None else IdentifiedRobots.of(design, scene).samples(_MEMBERS, 0)
+
+
+def believed_limits(
+    design: Design, rig: Rig, springs: SpringParameters, believed: Sequence[RobotParameters]
+) -> HeatingLimits:
+    """The rig's heating limits, which it proves for the springs that its file describes, less the gaits that
+    would heat those of the `believed` robots above the same temperature. `springs`: those whose timing is
+    tried where the usual one is not allowed."""
+    limits = heating_limits(rig)
+    if not believed:
+        return limits
+    known: dict[tuple[float, ...], bool] = {}  # phases change nothing: springs are heated one by one
+
+    def allowed(gait: Gait) -> bool:
+        if not limits.allowed(gait):
+            return False
+        times = (gait.period, *gait.duty.tolist())
+        if times not in known:
+            peak = _believed_peak(design, rig, compile_schedule(gait, rig), believed)
+            known[times] = peak <= rig.limits.max_temperature_c
+        return known[times]
+
+    return replace(limits, springs=springs, allowed=allowed)
 
 
 def require_cool(
-    design: Design, rig: Rig, schedule: ActuationSchedule, scene: PrintedScene | None, belief: Belief | None
+    design: Design, rig: Rig, schedule: ActuationSchedule, believed: Sequence[RobotParameters]
 ) -> None:
-    """Raise `NoGaitError` if a schedule would heat the springs that are believed to be there above the rig
-    file's limit, which is proved for the springs that the file describes. `belief`: that after the films;
-    before them `scene`, what films of other robots tell; None: nothing. A belief that does not explain its
-    films tells nothing either.
-    """
-    if scene is None or (belief is not None and not belief.explains):
-        return
-    if belief is None:
-        robots = IdentifiedRobots.of(design, scene).samples(_MEMBERS, 0)
-    else:
-        robots = robots_of(belief, rig.spring_parameters().current_limit)
-    body, limit = design.morphology, rig.limits.max_temperature_c
-    peak = peak_temperatures(body, robots, planned_contact_shares(schedule, rig, body.motors)).mean()
-    if peak > limit:
+    """Raise `NoGaitError` if a schedule would heat the springs of the `believed` robots above the rig file's
+    limit, in their mean."""
+    limit = rig.limits.max_temperature_c
+    if believed and (peak := _believed_peak(design, rig, schedule, believed)) > limit:
         raise NoGaitError(
             f"in the next run the springs would reach {peak:.0f} C, by what the films tell, and the limit is "
             f"{limit:g} C. With a lower current the same command goes on"
         )
+
+
+def _believed_peak(
+    design: Design, rig: Rig, schedule: ActuationSchedule, believed: Sequence[RobotParameters]
+) -> float:
+    body = design.morphology
+    return float(peak_temperatures(body, believed, planned_contact_shares(schedule, rig, body.motors)).mean())
 
 
 def expected_improvement(mean: float, deviation: float, best: float) -> float:

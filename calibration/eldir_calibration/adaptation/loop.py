@@ -25,9 +25,9 @@ from eldir_calibration.adaptation.choice import (
     BestRun,
     NoGaitError,
     advise_supply,
+    believed_robots,
     discrepancy,
     plan_run,
-    require_cool,
 )
 from eldir_calibration.adaptation.faults import find_faults
 from eldir_calibration.adaptation.films import (
@@ -115,7 +115,7 @@ def adapt(
     for run, film in zip(runs, films, strict=True):  # after an interruption one may be missing
         write_film(folder / run.log, design, film)
     learned = _learn(design, rig, films, known, faults, config, progress) if films else None
-    ended = f"all {config.runs} runs are made"
+    ended = f"all runs are made ({config.runs})"
     while len(runs) < config.runs:
         scene, faults = (known, faults) if learned is None else (learned.scene, learned.faults)
         place = folder / f"run_{len(runs) + 1:02d}"
@@ -134,11 +134,18 @@ def adapt(
                 _require_repaired(faults, runs, current)
                 deadline.require(1.0)
                 counted = [runs[number - 1] for number in repeatable_runs(runs, faults, current)]
+                believed = believed_robots(design, rig, scene, None if learned is None else learned.belief)
                 schedule = plan_run(
-                    design, rig, plans, counted, filmed_walks(films), config, lambda what: progress(what, 0.0)
+                    design,
+                    rig,
+                    plans,
+                    counted,
+                    filmed_walks(films),
+                    believed,
+                    config,
+                    lambda what: progress(what, 0.0),
                 )
                 deadline.require(schedule.duration)
-                require_cool(design, rig, schedule, scene, None if learned is None else learned.belief)
                 ask(len(runs) + 1, schedule)
                 deadline.require(schedule.duration)  # a person may have taken long
             except NoGaitError as reason:

@@ -13,7 +13,8 @@ from select import select
 from typing import NamedTuple
 
 from eldir_hardware._serial_output import log_frame
-from eldir_hardware.clock import Clock
+from eldir_hardware.clock import Clock, WallClock
+from eldir_hardware.realtime import EMULATED_HARDWARE, request_realtime_priority
 
 _logger = logging.getLogger(__name__)
 
@@ -116,6 +117,8 @@ class EmulatedBoard(ABC):
             self._bytes_arrived.wait_for(lambda: self._bytes_received >= total or not self._threads, 5.0)
 
     def _serve(self) -> None:
+        if isinstance(self._clock, WallClock):
+            request_realtime_priority(EMULATED_HARDWARE)
         pending = b""
         while True:
             ready, _, _ = select([self._board_end, self._stop_read], [], [])

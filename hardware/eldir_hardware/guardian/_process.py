@@ -26,6 +26,7 @@ from eldir_hardware.guardian._connection import GuardianConnection
 from eldir_hardware.guardian.bank import Report, describe_reason
 from eldir_hardware.guardian.measured_heat import CurrentFlowsError
 from eldir_hardware.guardian.pulse_controller import Host, KeepaliveError, PulseController
+from eldir_hardware.realtime import GUARDIAN, request_realtime_priority
 from eldir_hardware.relay.errors import NotProvenOffError
 from eldir_hardware.rig.board_identity import BoardIdentity, Port, describe_move, identify_open
 from eldir_hardware.rig.configuration import Rig
@@ -187,12 +188,11 @@ def _suspended_time() -> float:
     return time.clock_gettime(time.CLOCK_BOOTTIME) - time.monotonic()
 
 
-def _set_realtime_priority() -> None:
+def _prepare_for_real_time() -> None:
     """Let no switching wait for the garbage collector or, if this user is permitted, for other programs."""
     gc.collect()
     gc.freeze()
-    with suppress(OSError):
-        os.sched_setscheduler(0, os.SCHED_RR | os.SCHED_RESET_ON_FORK, os.sched_param(1))
+    request_realtime_priority(GUARDIAN)
 
 
 def serve_parent(connection: GuardianConnection) -> None:
@@ -202,7 +202,7 @@ def serve_parent(connection: GuardianConnection) -> None:
     if not messages:
         return
     run = _Run(connection, messages[0])
-    _set_realtime_priority()
+    _prepare_for_real_time()
     try:
         run.drive()
     except EldirError as error:

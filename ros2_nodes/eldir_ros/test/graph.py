@@ -30,6 +30,7 @@ from rclpy.executors import SingleThreadedExecutor
 from schedules import CONFIG
 from std_srvs.srv import Trigger
 
+from eldir_hardware.realtime import COMMANDS, request_realtime_priority
 from eldir_ros.base.qualities import COMPLETE, LATCHED
 from eldir_ros.conversions.schedules import read_schedule, schedule_of
 from eldir_ros.remote.graph_check import HEATING, OBSERVERS
@@ -145,7 +146,8 @@ class Graph:
             self._executor.spin_once(timeout_sec=0.1)
 
     def _send_heartbeats(self) -> None:
-        """In a thread of their own: what else the tester hears must not delay them."""
+        """In a thread of their own: what else the tester hears must not delay them, nor other programs."""
+        request_realtime_priority(COMMANDS)
         while not self._left.wait(PERIOD):
             if self.beating:
                 self._alive.publish(Heartbeat(name="tester"))

@@ -127,7 +127,7 @@ def test_every_run_is_kept_and_the_best_one_is_the_result(bench: Bench) -> None:
     found = Adaptation.load(out / "adaptation.json")
     assert [run.log for run in found.runs] == ["run_01/run_01.mcap", "run_02/run_02.mcap"]
     assert all((out / run.log).exists() and (out / run.schedule).exists() for run in found.runs)
-    assert found.ended == "all 2 runs are made" and found.best is not None
+    assert found.ended == "all runs are made (2)" and found.best is not None
     best = found.runs[found.best - 1]
     assert best.filmed == max(run.filmed for run in found.runs if run.upright)
     assert (out / "schedule.json").read_bytes() == (out / best.schedule).read_bytes()

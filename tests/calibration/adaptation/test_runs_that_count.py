@@ -11,13 +11,19 @@ import pytest
 
 from eldir.built.gait import Gait
 from eldir.built.heat import HeatModel
-from eldir.built.samples import SampledWalks
+from eldir.built.samples import IdentifiedRobots, SampledWalks
 from eldir.built.scene import PrintedScene
+from eldir.built.screening import candidate_gaits
 from eldir.design import Ballast, Design, Variant
 from eldir.errors import InputError
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
-from eldir_calibration.adaptation.choice import NoGaitError, require_cool
+from eldir_calibration.adaptation.choice import (
+    NoGaitError,
+    believed_limits,
+    believed_robots,
+    require_cool,
+)
 from eldir_calibration.adaptation.films import nominal_robot, read_run
 from eldir_calibration.adaptation.heat import peak_temperatures, planned_contact_shares
 from eldir_calibration.adaptation.loop import adapt
@@ -26,10 +32,11 @@ from eldir_calibration.adaptation.runs import AdaptationRun, Fault, best_run, re
 from eldir_calibration.comparison.recorded_run import open_run
 from eldir_calibration.dynamics.belief import Belief
 from eldir_calibration.dynamics.recording import INTERVAL, FilmedBody, find_any_fall
-from eldir_calibration.identification.identification import read_filmed_gait, read_recording
+from eldir_calibration.identification.identification import RobotFilms, read_filmed_gait, read_recording
 from eldir_hardware.camera.plane import FieldOfView
 from eldir_hardware.log.recorder import Recorder
 from eldir_hardware.planning.compiler import compile_schedule
+from eldir_hardware.planning.plan import heating_limits
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.schedule import ActuationSchedule, PredictedWalk
 from eldir_hardware.vision.virtual_camera import VirtualCamera
@@ -64,14 +71,28 @@ def test_nothing_is_heated_that_gets_too_hot_by_what_the_films_tell(rig: Rig, de
     """With longer pulses than those that were filmed, too; whatever the rig file proves for its springs."""
     short, long = schedule(rig, 3.0), schedule(rig, 6.0)
     hot = belief(design, rig, 1.5)
-    require_cool(design, rig, short, hot.scene, hot)
+    require_cool(design, rig, short, believed_robots(design, rig, hot.scene, hot))
     with pytest.raises(NoGaitError, match=r"would reach \d+ C, .* the limit is 90 C. With a lower current"):
-        require_cool(design, rig, long, hot.scene, hot)
+        require_cool(design, rig, long, believed_robots(design, rig, hot.scene, hot))
     with pytest.raises(NoGaitError):
-        require_cool(design, rig, long, hot.scene, None)  # of other robots of the kit
+        require_cool(design, rig, long, believed_robots(design, rig, hot.scene, None))  # of other robots
     for tells_nothing in (belief(design, rig, 0.0), belief(design, rig, 1.5, misfit=1.5)):
-        require_cool(design, rig, long, tells_nothing.scene, tells_nothing)
-    require_cool(design, rig, long, None, None)
+        require_cool(design, rig, long, believed_robots(design, rig, tells_nothing.scene, tells_nothing))
+    assert believed_robots(design, rig, None, None) == []
+
+
+def test_the_search_is_offered_pulses_that_keep_the_believed_springs_cool(rig: Rig, design: Design) -> None:
+    """Shorter ones, where the longest that the rig file allows would be too hot: the adaptation goes on."""
+    hot, limits, usual = belief(design, rig, 1.5), heating_limits(rig), candidate_gaits(2)[0]
+    springs = IdentifiedRobots.of(design, hot.scene).robot.springs
+    believed = believed_robots(design, rig, hot.scene, hot)
+    cool = believed_limits(design, rig, springs, believed)
+    assert limits.allowed(usual) and not cool.allowed(usual)
+    period, duty = cool.timing(cool.springs, 2)
+    offered = Gait(period, usual.phase, np.full(2, duty))
+    assert cool.allowed(offered) and duty * period < usual.duty[0] * usual.period
+    require_cool(design, rig, compile_schedule(offered, rig), believed)
+    assert believed_limits(design, rig, springs, []).allowed(usual), "nothing is told"
 
 
 def test_a_planned_schedule_heats_as_its_log_says(rig: Rig, design: Design) -> None:
@@ -138,32 +159,54 @@ def test_springs_that_share_an_output_are_refused_before_they_are_heated(
         adapt(tmp_path / "design.json", shared, tmp_path / "out", drive)
 
 
-@pytest.mark.parametrize("leans", [True, False])
-def test_a_robot_that_falls_sideways_did_not_stay_upright(
-    tmp_path: Path, rig: Rig, design: Design, leans: bool
-) -> None:
-    """Its markers turn in no picture: its strips look shorter, and then none is seen. One that is covered has
-    not fallen, as far as the film shows. Both stood for two cycles."""
-    body, played = design.morphology, schedule(rig, 1.0, period=10.0)
+def film_until_lost(folder: Path, rig: Rig, design: Design, lost: float, leans: bool) -> Path:
+    """A log whose camera sees the robot stand, and no marker after `lost` [s]. One that falls sideways turns
+    in no picture: its strips look shorter, and then none is seen."""
+    body = design.morphology
     rest = body.positions * BuiltParameters().scale
-    camera, lost = VirtualCamera(3, FieldOfView.around(rest)), played.start_of_cycles + 21.0
-    path = tmp_path / "run.mcap"
+    camera = VirtualCamera(3, FieldOfView.around(rest))
+    path = folder / ("falls.mcap" if leans else "covered.mcap")
+    files = {"schedule": schedule(rig, 1.0, period=10.0), "design": design, "tags": camera.board}
     with Recorder(path, [f"channel{c}" for c in range(1, 5)], []) as recorder:
-        for name, value in {"schedule": played, "design": design, "tags": camera.board}.items():
+        for name, value in files.items():
             recorder.attach(f"{name}.json", json.dumps(value.to_json()).encode())
-        recorder.attach("rig.yaml", (tmp_path / "rig.yaml").read_bytes())
+        recorder.attach("rig.yaml", (folder / "rig.yaml").read_bytes())
         recorder.on_relays(0.0, [False] * 4)
         for t in (*np.arange(0.0, lost - 1.0, 1.0), *np.arange(lost - 1.0, lost + 3.0, 0.1)):
             shrink = np.cos(np.clip(t - lost + 0.4, 0.0, 0.4) * 2.0 * leans)
             there = rest * [1.0, shrink] if t <= lost else np.zeros((0, 2))
             springs, marks = (body.springs, design.marks) if t <= lost else (np.zeros((0, 2), int),) * 2
             recorder.on_frame(float(t), camera.render(there, springs, marks))
-    run = open_run(path, design)
+    return path
+
+
+@pytest.mark.parametrize("leans", [True, False])
+def test_a_robot_that_falls_sideways_did_not_stay_upright(
+    tmp_path: Path, rig: Rig, design: Design, leans: bool
+) -> None:
+    """One that is covered has not fallen, as far as the film shows. Both stood for two cycles."""
+    lost = schedule(rig, 1.0, period=10.0).start_of_cycles + 21.0
+    run = open_run(film_until_lost(tmp_path, rig, design, lost, leans), design)
     seen = read_recording(run)
     assert seen.cycles == 2 and seen.fell_at == (pytest.approx(lost, abs=0.11) if leans else None)
     filmed = read_filmed_gait(run, seen)
     assert filmed is not None and filmed.upright != leans
-    assert find_any_fall(rest[design.marks], seen) == seen.fell_at
+    rest = design.morphology.positions[design.marks] * BuiltParameters().scale
+    assert find_any_fall(rest, seen) == seen.fell_at
+
+
+def test_a_fall_sideways_in_the_second_cycle_is_a_run(tmp_path: Path, rig: Rig, design: Design) -> None:
+    """Not a film that shows too little, after which the same gait would be heated again."""
+    lost = schedule(rig, 1.0, period=10.0).start_of_cycles + 12.0
+
+    def read(leans: bool) -> RobotFilms:
+        film = film_until_lost(tmp_path, rig, design, lost, leans)
+        return read_run(film, design, rig, lambda what, part: None)
+
+    (fallen,) = read(leans=True).recordings
+    assert fallen.cycles == 1 and fallen.fell_at == pytest.approx(lost, abs=0.11)
+    with raises(InputError, "dynamics.too-few-cycles"):
+        read(leans=False)
 
 
 def test_a_prior_that_began_with_other_springs_is_refused(tmp_path: Path, rig: Rig, design: Design) -> None:

@@ -17,6 +17,7 @@ from eldir_hardware.guardian import _process as process
 from eldir_hardware.guardian._connection import GuardianConnection
 from eldir_hardware.guardian.measured_heat import CurrentFlowsError
 from eldir_hardware.guardian.pulse_controller import KeepaliveError
+from eldir_hardware.realtime import GUARDIAN
 from eldir_hardware.relay.errors import ContactError, NotProvenOffError
 from eldir_hardware.rig.board_identity import BoardIdentity
 from eldir_hardware.rig.configuration import Rig
@@ -60,7 +61,7 @@ def unopened(monkeypatch, controller: RecordingController, ready=lambda: None):
         patch.setattr(
             process, "identify_open", lambda handle, given: BoardIdentity(names[handle], frozenset(), given)
         )
-        patch.setattr(process, "_set_realtime_priority", lambda: made.update(hurried=True))
+        patch.setattr(process, "_prepare_for_real_time", lambda: made.update(hurried=True))
         yield made
 
 
@@ -243,14 +244,9 @@ def test_before_it_heats_it_collects_garbage_and_asks_for_its_turn(monkeypatch):
     monkeypatch.setattr(gc, "collect", lambda: done.append("collect"))
     monkeypatch.setattr(gc, "freeze", lambda: done.append("freeze"))
 
-    def refused(*asked: object) -> None:
-        done.append(asked)
-        raise PermissionError
-
-    monkeypatch.setattr(os, "sched_setscheduler", refused)
-    process._set_realtime_priority()
-    first = os.sched_param(1)
-    assert done == ["collect", "freeze", (0, os.SCHED_RR | os.SCHED_RESET_ON_FORK, first)]
+    monkeypatch.setattr(process, "request_realtime_priority", done.append)
+    process._prepare_for_real_time()
+    assert done == ["collect", "freeze", GUARDIAN]
 
 
 def test_the_program_serves_the_socket_it_was_given(wires, monkeypatch):

@@ -18,6 +18,7 @@ from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 
+from eldir_hardware.realtime import COMMANDS, request_realtime_priority
 from eldir_hardware.rig.configuration import Rig
 from eldir_ros.base.parameters import get_file, get_number, get_optional_value, get_text, get_texts
 from eldir_ros.base.qualities import COMPLETE, LATCHED
@@ -227,4 +228,5 @@ class _GoalLink:
 
 def main() -> None:
     """`ros2 run eldir_ros actuation_sequencer`."""
+    request_realtime_priority(COMMANDS)
     spin([ActuationSequencerNode])

@@ -21,6 +21,7 @@ from std_srvs.srv import Trigger
 from eldir.errors import EldirError
 from eldir_hardware.guardian.bank import Commander, Report
 from eldir_hardware.guardian.client import Guardian
+from eldir_hardware.realtime import COMMANDS, request_realtime_priority
 from eldir_hardware.relay.errors import NotProvenOffError
 from eldir_hardware.rig.board_identity import identify_open
 from eldir_hardware.rig.configuration import Rig
@@ -301,4 +302,5 @@ def _prove_off(rig: Rig, port: str, unlatched: bool = False) -> None:
 
 def main() -> None:
     """`ros2 run eldir_ros relay_board`."""
+    request_realtime_priority(COMMANDS)
     spin([RelayBoardNode])

@@ -29,6 +29,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
 from eldir.errors import EldirError
+from eldir_hardware.realtime import COMMANDS, request_realtime_priority
 from eldir_ros.base.qualities import COMPLETE, LATCHED
 from eldir_ros.base.spinning import ros_errors_as_eldir_errors
 from eldir_ros.conversions import runs, seconds_from, time_of
@@ -51,6 +52,7 @@ def main() -> None:
     arguments = rclpy.utilities.remove_ros_args(sys.argv)[1:]
     if not arguments:
         sys.exit("usage: ros2 run eldir_ros run_schedule SCHEDULE.json [NODE...]")
+    request_realtime_priority(COMMANDS)  # without its heartbeats the run is stopped
     try:
         with ros_errors_as_eldir_errors():
             rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)

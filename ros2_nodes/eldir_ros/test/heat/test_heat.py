@@ -11,6 +11,7 @@ import os
 import signal
 import subprocess
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
@@ -20,6 +21,7 @@ pytest.importorskip("eldir_msgs", reason="needs the package eldir_msgs, built by
 from graph import NODES, Graph, wait_until  # noqa: E402
 from schedules import LONG, SHORT  # noqa: E402
 
+from eldir_hardware.realtime import COMMANDS, request_realtime_priority  # noqa: E402
 from eldir_ros.conversions import runs  # noqa: E402
 from eldir_ros.remote.graph_check import OBSERVERS  # noqa: E402
 from eldir_ros.remote.heartbeats import NODE_TIMEOUT  # noqa: E402
@@ -50,6 +52,16 @@ def test_a_schedule_is_played_to_its_end_with_feedback(graph):
     assert any((f.phase, f.cycle) == (f.COUNTING, 1) for f in graph.feedback)
     assert list(graph.feedback[0].latest_edge) == [], "nothing has switched yet"
     assert max(max(f.temperatures) for f in graph.feedback) > 30
+
+
+def test_programs_that_heat_come_before_others_where_that_is_permitted(graph):
+    with ThreadPoolExecutor(1) as thread:
+        thread.submit(request_realtime_priority, COMMANDS).result()
+        permitted = thread.submit(os.sched_getscheduler, 0).result()
+    for name in HEATING:
+        process = graph.processes[name].pid
+        threads = [int(number) for number in os.listdir(f"/proc/{process}/task")]
+        assert {os.sched_getscheduler(number) for number in threads} == {permitted}, name
 
 
 def test_cancelled_in_mid_heating_everything_is_off_within_half_a_second(graph):

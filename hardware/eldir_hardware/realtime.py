@@ -1,0 +1,26 @@
+"""Real-time priority for the threads that switch heat, and for emulated hardware, which waits for no program.
+
+Each level comes before the lower ones and before all other programs. A thread without the right to it runs as
+any other. What it starts later inherits it.
+"""
+
+from __future__ import annotations
+
+import os
+from contextlib import suppress
+
+COMMANDS = 1
+"""Programs that command a guardian."""
+GUARDIAN = 2
+EMULATED_HARDWARE = 3
+
+
+def request_realtime_priority(level: int) -> None:
+    """Run this thread with the priority `level` (round robin), or the highest one below it that is permitted.
+
+    The superuser is permitted all, another user those up to the limit `rtprio`.
+    """
+    for permitted in range(level, 0, -1):
+        with suppress(OSError):
+            os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(permitted))
+            return
