@@ -223,6 +223,11 @@ def describe_ties(share: float) -> str:
     return f"{words} (above {MAX_TIE_SHARE:.0%} a prediction is doubtful)"
 
 
+def describe_doubt(share: float | None) -> str:
+    """Ties in words where there are so many that a prediction is doubtful, else nothing; None: not known."""
+    return "" if share is None or share <= MAX_TIE_SHARE else describe_ties(share)
+
+
 def tie_share(robot: PrintedRobot, positions: FloatArray, terrain: Terrain | None = None) -> float:
     """Share of the feet's sliding during which both outer feet bear 45 to 55 per cent of the load; 0 for a
     robot that does not slide.

@@ -63,6 +63,7 @@ def adapt(
         require_unlatched(rig.board.port)
     _require_camera(rig)
 
+    from eldir.built.walking import describe_doubt
     from eldir_app.commands.rig.drive import play, print_notes
     from eldir_calibration.adaptation.loop import adapt
     from eldir_calibration.adaptation.runs import AdaptationConfig
@@ -74,6 +75,9 @@ def adapt(
         def ask(number: int, schedule: ActuationSchedule) -> None:
             bar.stop()
             print_notes(schedule, rig, rig_file, design)
+            walk = schedule.predicted.walk
+            if walk is not None and (doubt := describe_doubt(walk.tie_share)):
+                typer.echo(f"run {number}: {doubt}")
             if rig.kind == "real" and not unattended:
                 _ask(number, schedule)
             bar.start()

@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from eldir.built.scene import PrintedScene
+from eldir.built.walking import describe_doubt
 from eldir.core.files import write_bytes, write_text
 from eldir.core.pictures import new_axes, page_templates, png
 from eldir.core.version import __version__
@@ -78,10 +79,11 @@ class RunRow(NamedTuple):
 
     @property
     def reason(self) -> str:
-        """Why this gait was chosen."""
-        if self.schedule.predicted.choice is not None:
-            return self.schedule.predicted.choice
-        return "the gait with which robots of the kit are predicted to walk farthest"
+        """Why this gait was chosen, and whether chance decides its walk."""
+        predicted = self.schedule.predicted
+        chosen = predicted.choice or "the gait with which robots of the kit are predicted to walk farthest"
+        doubt = "" if predicted.walk is None else describe_doubt(predicted.walk.tie_share)
+        return f"{chosen}; {doubt}" if doubt else chosen
 
 
 def write_film(log: Path, design: Design, film: RobotFilms) -> None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from eldir.built.scene import PrintedScene
-from eldir.built.walking import MAX_TIE_SHARE, describe_ties
+from eldir.built.walking import describe_doubt
 from eldir.core.version import __version__
 from eldir.core.worker_process import WorkerProcess
 from eldir.design import Design, Variant
@@ -259,8 +259,7 @@ def _schedule_remarks(schedule: ActuationSchedule) -> tuple[str, ...]:
             f"{walk.fell} of {walk.samples} simulated samples of this robot fall over or fold; mean and "
             "spread are those of the samples that stand.",
         )
-    if walk.tie_share is not None and walk.tie_share > MAX_TIE_SHARE:
-        ties = describe_ties(walk.tie_share)
+    if ties := describe_doubt(walk.tie_share):
         remarks = (*remarks, f"{ties[0].upper()}{ties[1:]}.")
     mean = walk.mean
     if mean is None or max(mean, mean if walk.filmed is None else walk.filmed) >= _MIN_WALK:

@@ -19,6 +19,7 @@ from typer.testing import CliRunner
 
 from eldir.built.samples import IdentifiedRobots, simulate_most_probable
 from eldir.built.scene import PrintedScene
+from eldir.built.walking import describe_ties
 from eldir.errors import EldirError, InputError
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
@@ -29,7 +30,7 @@ from eldir_app.application import application
 from eldir_calibration.adaptation.choice import BestRun, advise_supply, discrepancy, expected_improvement
 from eldir_calibration.adaptation.films import FilmedWalk, nominal_robot, read_run
 from eldir_calibration.adaptation.loop import adapt
-from eldir_calibration.adaptation.page import quantity_rows
+from eldir_calibration.adaptation.page import RunRow, quantity_rows
 from eldir_calibration.adaptation.runs import Adaptation, AdaptationConfig, AdaptationRun, Fault, SupplyAdvice
 from eldir_calibration.dynamics.belief import Belief, BeliefConfig
 from eldir_calibration.dynamics.recording import INTERVAL, FilmedBody, Recording, predict_markers
@@ -147,6 +148,20 @@ def test_an_interrupted_adaptation_goes_on_with_the_same_decisions(bench: Bench)
     assert bench.driven == ["run_01", "run_02", "run_02"]
     assert set(bench.decided) == {"belief.json", "schedule.json"} and files(place) == bench.decided
     assert (place / "interrupted_01.mcap").read_bytes() == b"the first records of a log"
+
+
+def test_the_page_says_where_chance_decides_a_walk(bench: Bench) -> None:
+    run = Adaptation.load(bench.folder / "out" / "adaptation.json").runs[0]
+    schedule = ActuationSchedule.load(bench.folder / "out" / run.schedule)
+    predicted, walk, method = schedule.predicted, schedule.predicted.walk, schedule.predicted.method
+    assert walk is not None and method is not None
+
+    def reason(tied: float) -> str:
+        walks = predicted.displacement | {method: replace(walk, tie_share=tied)}
+        changed = replace(predicted, displacement=walks)
+        return RunRow(1, run, replace(schedule, predicted=changed), None, None, None).reason
+
+    assert reason(0.4) == f"{reason(0.1)}; {describe_ties(0.4)}"
 
 
 def test_the_page_shows_each_run_and_what_is_believed(bench: Bench) -> None:

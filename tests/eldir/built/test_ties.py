@@ -14,7 +14,7 @@ from eldir.built.motion import drive
 from eldir.built.robot import PrintedRobot, build
 from eldir.built.samples import NominalRobots, SampledWalks, sample_walks
 from eldir.built.screening import candidate_gaits
-from eldir.built.walking import MAX_TIE_SHARE, describe_ties, tie_share
+from eldir.built.walking import MAX_TIE_SHARE, describe_doubt, describe_ties, tie_share
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
 from tests.calibration.dynamics.hidden_rigs import walker
@@ -111,3 +111,5 @@ def test_words() -> None:
     words = "ties: in 8% of the feet's sliding both outer feet bear about the same load"
     assert describe_ties(0.08) == f"{words} (above 30% a prediction is doubtful)"
     assert describe_ties(MAX_TIE_SHARE + 0.01).endswith("so this prediction is doubtful")
+    assert describe_doubt(MAX_TIE_SHARE + 0.01) == describe_ties(MAX_TIE_SHARE + 0.01)
+    assert describe_doubt(MAX_TIE_SHARE) == describe_doubt(None) == ""
