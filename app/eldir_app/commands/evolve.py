@@ -48,8 +48,8 @@ _Problem = Annotated[
     str | None,
     typer.Option(
         metavar="NAME",
-        help="Evolve an own problem in place of robots: its name in the entry-point group eldir.problems "
-        "of an installed package.",
+        help="Evolve a problem of your own instead of robots: its name in the entry-point group "
+        "eldir.problems of an installed package.",
     ),
 ]
 _Rig = Annotated[
