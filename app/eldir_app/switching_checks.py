@@ -101,7 +101,7 @@ def warming_pulse(rig: Rig) -> float:
     max_length = limits.max_pulse(rig)
     steps = int(max_length / _TIMER_STEP_S + 1e-6)
     hottest = HeatModel([worst_springs(rig)]).run(np.ones((steps, 1)), _TIMER_STEP_S).temperature[:, 0]
-    # A board's own timer may open a step later, as limits.STEP says.
+    # A board's own timer may open a step later, as limits.TIMER_STEP says.
     allowed = np.flatnonzero(hottest <= MAX_TOUCH_C)
     length = round((len(allowed) - 1) * _TIMER_STEP_S, 3)
     if length < _MIN_PULSE_S:

@@ -115,7 +115,7 @@ def adapt(
 
 
 def _require_own_folder(out: Path) -> None:
-    """Raise `EldirError` for a folder that holds something else than an adaptation, or cannot be written."""
+    """Raise `EldirError` for a folder that holds something other than an adaptation, or cannot be written."""
     from eldir.core.files import require_folder
     from eldir.errors import EldirError
     from eldir_calibration.adaptation.prior import PRIOR

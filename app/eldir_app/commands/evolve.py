@@ -48,8 +48,8 @@ _Problem = Annotated[
     str | None,
     typer.Option(
         metavar="NAME",
-        help="Evolve an own problem in place of robots: its name in the entry-point group eldir.problems "
-        "of an installed package.",
+        help="Evolve a problem of your own instead of robots: its name in the entry-point group "
+        "eldir.problems of an installed package.",
     ),
 ]
 _Rig = Annotated[
@@ -101,16 +101,17 @@ _MaxMotors = Annotated[
 ]
 _StaticMargin = Annotated[
     float | None,
-    typer.Option(metavar="MM", help="Reject bodies with a smaller static margin when built, such as 20."),
+    typer.Option(metavar="MM", help="Reject bodies with a smaller static margin when printed, such as 20."),
 ]
 _Buildable = Annotated[
     bool,
     typer.Option(
-        "--buildable", help="Reject bodies that can fold, or that their motors cannot deform, when built."
+        "--buildable", help="Reject bodies that can fold, or that their motors cannot deform, when printed."
     ),
 ]
 _SecondStage = Annotated[
-    bool, typer.Option("--second-stage", help="Simulate survivors as built; remove those that fall over.")
+    bool,
+    typer.Option("--second-stage", help="Simulate survivors as printed robots; remove those that fall over."),
 ]
 _Inherit = Annotated[
     bool, typer.Option("--inherit", help="Offspring start from the learned weights of their parent.")

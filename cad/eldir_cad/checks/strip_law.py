@@ -1,5 +1,5 @@
-"""Parameters of the simulation from the parts: the force of a bending strip, and the constants of the built
-scene.
+"""Parameters of the simulation from the parts: the force of a bending strip, and the constants of the
+printed scene.
 
 A strip is nearly inextensible in tension. In compression it is a column of rectangular section: straight
 up to Euler's load, then an elastica. A column with pinned ends bends in one half-wave; one with clamped
@@ -22,7 +22,7 @@ from eldir_cad.geometry.parts import cap, connector, fitting, mass_volume, strip
 from eldir_cad.kit.printer import Printer
 from eldir_cad.kit.specification import Specification
 
-_DIGITS = 3  # significant, of what the built scene takes: its constants are known no better
+_DIGITS = 3  # significant, of what the printed scene takes: its constants are known no better
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ def _modulus(share: float) -> float:
 
 @lru_cache(maxsize=8)  # it makes meshes for the weights
 def built_parameters(spec: Specification, printer: Printer) -> BuiltParameters:
-    """Parameters of the built scene: those that follow from parts and resin, and defaults for the others."""
+    """Parameters of the printed scene: those that follow from parts and resin, else defaults."""
     law, gram = StripLaw.of(spec, printer), 1e-6 * printer.material.density  # kg/mm3
     full = mass_volume(spec, 6) + cap(spec).volume
     # Most masses with a connector have four springs.

@@ -258,7 +258,7 @@ class Specification(Section):
 
     @property
     def scale(self) -> float:
-        """Scale of the built robot: millimetres for a metre of the simulated one."""
+        """Scale of the printed robot: millimetres for a metre of the simulated one."""
         return self.pitch / (2 * HALF_SIDE)
 
     @property

@@ -3,7 +3,7 @@
 - A **hub** slides in x and z and rotates about y. Its own drag slows each of these motions.
 - A **strip** is a tendon with a soft spring that always pushes with Euler's load, and an upper limit of its
   length. The limit yields with the strip's stiffness in tension. So the strip is stiff up to the load at
-  which it buckles, and then pushes with min(K s, PE (1 + s / 2L)), as in the built scene.
+  which it buckles, and then pushes with min(K s, PE (1 + s / 2L)), as in the printed scene.
 - A **socket** is a tendon from the end of a lever across one hub, many strips long, to the hinge in the other
   hub: its length is the position of that hinge across the socket. An elasto-plastic spring on it is the
   friction of the socket; a limit at both ends of its range is where the strip bends.

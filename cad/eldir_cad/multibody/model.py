@@ -208,7 +208,7 @@ def _springs(
 
 
 def with_pins(model: Multibody) -> Multibody:
-    """Hubs are points that do not rotate, and strips are pinned to their centres, as in the built scene."""
+    """Hubs are points that do not rotate, and strips are pinned to their centres, as in the printed scene."""
     hubs = [replace(hub, inertia=Inertia(hub.inertia.mass, np.zeros(3), np.eye(3))) for hub in model.hubs]
     strips = [replace(strip, length=strip.length + 2 * model.socket) for strip in model.strips]
     return replace(

@@ -204,7 +204,8 @@ def write_shortlist(shortlist: Shortlist, out: Path) -> tuple[RankingRow, ...]:
     Raises `EldirError` if no design is left.
     """
     shortlist.require_candidates(
-        "evolve more, with --lattice 6x11 --max-motors 2 --static-margin 20 --buildable"
+        "evolve more, with --objective printed, or with --lattice 6x11 --max-motors 2 --static-margin 20 "
+        "--buildable"
     )
     rows: tuple[RankingRow, ...] = ()
     better: dict[str, Morphology] = {}

@@ -1,9 +1,9 @@
-"""Ranks the designs of a run for building: first the build filter, then the predicted walk as built.
+"""Ranks the designs of a run for building: first the build filter, then the walk of the printed robot.
 
-The fitness in the paper's scene does not rank built robots (docs/reference/built.md). The walk as built
-does: first in the best phases, or in the gait that evolved with the body; then over samples, robots of the
-same design with slightly different parameters. The fitness of a design is the mean walk of its samples, a
-fall counted as no walk, less half their standard deviation. A walk that ties decide
+The fitness in the paper's scene does not rank printed robots (docs/reference/built.md). The walk of the
+printed robot does: first in the best phases, or in the gait that evolved with the body; then over samples,
+robots of the same design with slightly different parameters. The fitness of a design is the mean walk of its
+samples, a fall counted as no walk, less half their standard deviation. A walk that ties decide
 (`eldir.built.walking.MAX_TIE_SHARE`) cannot be predicted well. A user who builds several robots of a list
 wants different ones: of bodies that evolved with a gait, those that differ, and those that walk nearly as far
 as the best, come first; and a body that is on the list already (`Morphology.body_key`) comes after all others
@@ -43,7 +43,7 @@ from eldir_cad.shortlist import MAX_DESIGNS, SEED
 _NOT_FAR_ENOUGH = "walks less far than others"
 _SAMPLED_PER_PLACE = 2  # designs to sample for each place on the list: samples change the order
 MAX_SIMULATED = 400
-"""Designs to simulate as built, in the run's order; more take too long."""
+"""Designs to simulate as printed robots, in the run's order; more take too long."""
 Progress = Callable[[str, float], None]
 _T = TypeVar("_T")
 MAX_SIMILARITY = 0.8
@@ -114,8 +114,8 @@ def rank(
     prediction is doubtful because of ties; then those that may fall over sideways.
 
     All walk on the ground of the designs (`Design.printed_terrain`), one for all. `scene`: an identified
-    robot; then the samples are of its uncertainty. `springs`: nominal springs on
-    the supply of a rig. `progress` is called with the name of the stage and the completed share of it.
+    robot; then the samples are of its uncertainty. `springs`: nominal springs on the supply of a rig.
+    `progress` is called with the name of the stage and the completed share of it.
     """
     show = progress or (lambda _stage, _share: None)
     one_ground = all(d.printed_terrain == designs[0].printed_terrain for d in designs)

@@ -39,7 +39,7 @@ from eldir_hardware.safety.margins import rigs_with_narrower_tolerances
 from eldir_hardware.schedule import ActuationSchedule
 
 _MEMBERS = 16
-"""Robots that a prior's heat is told from."""
+"""Number of robots sampled from a prior, for the heat of their springs."""
 
 
 class NoGaitError(Exception):
@@ -155,7 +155,7 @@ def discrepancy(
 ) -> tuple[float, float]:
     """How much farther the most probable robot walks than the filmed one, by all gaits filmed with this
     current limit, and the root mean square of the single differences, a fall counted as no motion [body
-    lengths per five cycles]. As long as there is no such film, those with other currents tell it.
+    lengths per five cycles]. As long as there is no such film, those with other currents count.
 
     The first one is shrunk by n / (n + 1): one film tells half of it.
     """

@@ -98,7 +98,8 @@ def _find_idle_motors(number: int, film: RobotFilms, belief: Belief) -> tuple[Fa
             number,
             "motor",
             f"motor {a} does nothing: the robot's shape follows the heating of the other motors alone",
-            f"check wiring, contacts and leads of both springs of motor {a}: eldir rig doctor shows them",
+            f"check wiring, contacts and leads of both springs of motor {a}: eldir rig doctor --wiring "
+            "warms one after the other",
         )
         for a in idle
     )

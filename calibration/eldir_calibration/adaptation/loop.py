@@ -97,9 +97,9 @@ def adapt(
     film shows a fault that must be repaired.
 
     `ask` is called before each run with its number and schedule, and returns when it may heat; `on_run` is
-    called with each run after its film was read. `prior`: folders of adaptations of other robots
-    of the kit; they count from the first run on, so that a folder with runs has them already. The log of a
-    film that cannot be used is kept under another name, and the run is repeated by the next call. Raises
+    called with each run after its film was read. `prior`: folders of adaptations of other robots of the kit;
+    they count from the first run on, so that a folder with runs has them already. The log of a film that
+    cannot be used is kept under another name, and the run is repeated by the next call. Raises
     `InputError` for a robot on a printed ground, whose films do not tell where it is, for one with too few
     markers, for springs that share the current of one output, which is not simulated, and for logs of other
     springs, rigs or robots.

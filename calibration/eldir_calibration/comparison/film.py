@@ -87,7 +87,7 @@ def _start_offset(filmed: Motion, body: PredictedBody) -> FloatArray | None:
 
 
 def _forward_offset(filmed: Motion, body: PredictedBody, t: float) -> float:
-    """How far the filmed markers are before the predicted ones at `t` [m]."""
+    """How far the filmed markers are ahead of the predicted ones at `t` [m]."""
     path = filmed.trajectory
     seen = np.array([np.interp(t, path.times, path.positions[:, k, 0]) for k in range(len(path.names))])
     offsets = seen - positions_at(body, t)[body.marker_masses[: len(path.names)], 0]

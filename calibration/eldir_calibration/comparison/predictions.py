@@ -1,5 +1,5 @@
-"""Simulated motions of a report: the evolved one, and those of built robots under a schedule; and the range
-of motion cycle by cycle, while the markers of a run are still arriving."""
+"""Simulated motions of a report: the evolved one, and those of printed robots under a schedule; and the
+range of motion cycle by cycle, while the markers of a run are still arriving."""
 
 from __future__ import annotations
 

@@ -90,7 +90,7 @@ class Evidence:
 
     @classmethod
     def from_numbers(cls, model: ModelNumbers) -> Evidence:
-        """Evidence from `model` in a built scene's results."""
+        """Evidence from `model` in a printed scene's results."""
         within = model.unexplained_m <= model.limit_m
         decided, predicts = model.decided, model.predicts
         return cls(decided, within, predicts, model.supposed, model.at_edge)
@@ -115,7 +115,7 @@ class VerdictRow:
     holds: Callable[[Evidence], bool]
     verdict: FitVerdict
     sentence: str
-    """Message for the user, with the numbers of `_facts`; empty if there is none."""
+    """Message for the user, with the numbers of `_sentence_values`; empty if there is none."""
 
 
 VERDICTS: tuple[VerdictRow, ...] = (
@@ -185,8 +185,8 @@ def is_identified(
 
 
 def describe_model(model: IdentifiedModel, config: IdentificationConfig = DEFAULT_CONFIG) -> list[str]:
-    """Messages about `model` in a built scene's results: which joint model was taken, what was left out, and
-    whether the model fits."""
+    """Messages about `model` in a printed scene's results: which joint model was taken, what was left out,
+    and whether the model fits."""
     sentences, (first, *more) = [], model.tried
     if more:
         extra = ", each strip and spring with its own parameters" if model.parts else ""
@@ -208,7 +208,7 @@ def describe_model(model: IdentifiedModel, config: IdentificationConfig = DEFAUL
 
 
 def describe_doubts(held_out: HeldOutNumbers, config: IdentificationConfig = DEFAULT_CONFIG) -> list[str]:
-    """Descriptions of what is predicted badly, from `held_out_cycle` in a built scene's results: already in
+    """Descriptions of what is predicted badly, from `held_out_cycle` in a printed scene's results: already in
     the cycles that were fitted, so that the next ones will be off, too."""
     if (fitted := held_out.fitted_cycles) is None:  # of a file of version 0.1.0
         return []
@@ -227,7 +227,7 @@ def describe_doubts(held_out: HeldOutNumbers, config: IdentificationConfig = DEF
 
 
 def describe_predictions(results: Identification, config: IdentificationConfig = DEFAULT_CONFIG) -> list[str]:
-    """Messages about predictions, from a built scene's results: whether they are doubtful, or hold although
+    """Messages about predictions, from a printed scene's results: whether they are doubtful, or hold although
     the model does not fit."""
     if doubts := describe_doubts(results.held_out_cycle, config):
         return [f"predictions are doubtful: in the fitted cycles they miss {' and '.join(doubts)}"]

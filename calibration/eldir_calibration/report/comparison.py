@@ -1,4 +1,4 @@
-"""Compares three motions: learned in simulation, predicted for the built robot, filmed by the camera.
+"""Compares three motions: learned in simulation, predicted for the printed robot, filmed by the camera.
 
 A matching profile of vertical ranges alone is weak evidence: it fits nearly any robot of that shape
 (docs/reference/report.md). So displacement, horizontal motion and a null are compared as well.
@@ -43,7 +43,7 @@ class Motion(Record):
     body_length: float
     """Body length of this robot [m]."""
     scale: float = 1.0
-    """Metres of the built robot per metre of this trajectory."""
+    """Metres of the printed robot per metre of this trajectory."""
 
     def __post_init__(self) -> None:
         end = self.start + self.period * self.cycles

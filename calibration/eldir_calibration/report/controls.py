@@ -147,7 +147,7 @@ def _mean(values: list[float]) -> float:
 
 
 def sample_other_robots(design: Design) -> list[tuple[PrintedRobot, IntArray]]:
-    """Built random robots, as in a first generation, of the same lattice with as many motors, and their
+    """Random printed robots, as in a first generation, of the same lattice with as many motors, and their
     markers; the same for every report."""
     rng = np.random.default_rng(_SEED)
     motors = design.morphology.motors

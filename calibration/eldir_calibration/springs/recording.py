@@ -76,6 +76,7 @@ class SpringRecording(Record):
                 code="spring.no-heating",
                 expected="a current, and a temperature that rises by 5 K or more",
                 found=f"{np.ptp(self.temperature):.1f} K",
+                remedy="check the columns current_a and temperature_c, and the thermocouple",
             )
         if (
             above := float(np.median(self.temperature[:3]) - np.percentile(self.temperature, 5))

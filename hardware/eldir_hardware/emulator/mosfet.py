@@ -1,6 +1,7 @@
 """The emulated MOSFET board: the firmware's own limits and protocol, behind a pseudo-terminal.
 
-Only what the chip does is emulated: clock, gates, watchdog. A modulated gate is one edge with its mean power.
+Only what the chip does is emulated: clock, gates, watchdog. A modulated gate is one contact event
+with its mean power.
 """
 
 from __future__ import annotations

@@ -54,7 +54,11 @@ def find_log(path: Path) -> Path:
         raise damaged(path / BAG_METADATA, found=type(error).__name__, remedy=remedy) from None
     if len(names) != 1:
         raise InputError(
-            f"{path} holds several files", code="bag.several-files", expected="one log", found=f"{len(names)}"
+            f"{path} holds several files",
+            code="bag.several-files",
+            expected="one log",
+            found=f"{len(names)}",
+            remedy=remedy,
         )
     log = path / Path(names[0]).name
     require_log(log)

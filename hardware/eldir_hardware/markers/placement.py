@@ -1,5 +1,5 @@
-"""Markers and reference tags for one robot: the sheets to print, where each goes, and a tag file to start "
-"from."""
+"""Markers and reference tags for one robot: the sheets to print, where each goes, and a tag file to start
+from."""
 
 from __future__ import annotations
 

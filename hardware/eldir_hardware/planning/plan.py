@@ -57,7 +57,7 @@ class PlanConfig:
     """Options of the search for a gait and of its schedule."""
 
     imitate: bool = False
-    """Whether to try the gait of the simulated robot, too."""
+    """Whether the gait of the neural controller is imitated too, and then chosen."""
     seed: int = 0
     """Random seed of the sampled robots; the same seed gives the same bytes."""
     samples: int = 16

@@ -347,7 +347,7 @@ class VirtualEntry(Section):
     """Deviation of the robot's parameters from nominal. small: a few per cent; large: 10 to 50 %, to test
     `eldir calibrate dynamics`. A current that was measured (`tolerances.current`) keeps its tolerance."""
     physics: Literal["eldir", "mujoco"] = "eldir"
-    """The program that moves the robot: eldir's built scene, or MuJoCo, which models hubs, sockets and
+    """The program that moves the robot: eldir's printed scene, or MuJoCo, which models hubs, sockets and
     contact between parts (`pip install 'eldir[mujoco]'`)."""
     dimensions: Literal[2, 3] = 2
     """2: the robot moves in its plane, by the mean of both faces; 3, in MuJoCo alone: each face has its own

@@ -225,6 +225,7 @@ def check_current(rig: Rig, simultaneous: int) -> None:
             code="limit.contact-rating",
             expected=f"at most {rig.board.contact_rating_a:g} A",
             found=f"{one:.1f} A",
+            remedy="lower supply.current_limit_a, or use a board with stronger contacts",
         )
     if rig.supply.outputs == "shared":
         simultaneous = min(simultaneous, 1)  # the limit holds for all of them

@@ -166,7 +166,8 @@ def _named_ports(port: str | None, hints: BoardHints) -> tuple[list[str], list[s
         problems = [f"{problem}; expected {_PORT}" for p in hints.ports if (problem := find_port_problem(p))]
         return [p for p in hints.ports if not find_port_problem(p)], problems
     if problem := find_port_problem(port):
-        raise InputError(problem, expected=_PORT, remedy="correct --port, or leave it out: every known board")
+        remedy = "correct --port, or leave it out to switch off every known board"
+        raise InputError(problem, expected=_PORT, remedy=remedy)
     return [port], []
 
 

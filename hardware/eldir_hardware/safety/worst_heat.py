@@ -82,7 +82,7 @@ def stuck_temperature(
     """Highest temperature of a spring whose contact welds shut [C]. Raises `LimitError` above the limit.
 
     Safe is (a) a current so small that the spring settles below the limit in still air, alone on the
-    supply, or (b) a cut-off. `starts`: springs at the start of their pulses, hottest moments. `any_on`
+    supply, or (b) a cut-off. `starts`: springs at the hottest start of their pulses. `any_on`
     (T,): whether anything heats in each `step` [s] of a period: with a contactor a welded spring heats too.
     """
     settled = steady_temperature_in_still_air(rig)

@@ -105,7 +105,7 @@ class ThermalSprings:
         steps = int(np.floor((t - self._start) / STEP + 1e-6)) - self._steps
         if steps <= 0:
             return np.empty((0, len(self.parameters)))
-        with self._lock:  # edges come from the board's thread
+        with self._lock:  # contact events come from the board's thread
             share = self._heating_shares(steps)
         history = heat(share, STEP, self._springs_with_leads(), self.state)
         self.state = history.final

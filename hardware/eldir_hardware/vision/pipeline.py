@@ -104,7 +104,10 @@ def _undetected_error(tracker: MarkerTracker[Any], frames: int, last_frame: Imag
     """The error for a source that never shows all markers together, with its cause as far as it is known."""
     missing = f"none like {', '.join(tracker.undetected)}"
     found = missing if tracker.undetected else "none that can be on one body together"
-    remedy = "uncover them, light them evenly, and give the number of markers with --marks"
+    remedy = (
+        "uncover them, light them evenly, and for a film without a design give the number of markers with "
+        "--marks"
+    )
     if last_frame.max(initial=0) < _MIN_BRIGHTNESS:
         remedy = "the pictures are dark: give more light, or a longer exposure"
     elif tracker.is_coloured and np.ptp(last_frame, axis=2).max(initial=0) < _MIN_COLOUR_RANGE:

@@ -70,7 +70,7 @@ def find_recorded_plane(source: Source) -> Plane:
             f"{source.name} has neither a plane of motion nor reference tags",
             code="film.no-plane",
             expected="at least four reference tags in the picture",
-            remedy="give their places with --tags, or give a calibrated --plane",
+            remedy="track it with eldir track and --tags, the places of the tags, or a calibrated --plane",
         )
     try:
         return calibrate_from_frames(source, board, find_recorded_lens(source), **extra)

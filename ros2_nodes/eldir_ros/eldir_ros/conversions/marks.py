@@ -24,7 +24,7 @@ from eldir_ros.conversions import header_of, nanoseconds
 
 
 def point_of(stamp: int, position: FloatArray, frame: str = FRAME_ID) -> PointStamped:
-    """Position (2,) [m] of one mark."""
+    """Position (2,) [m] of one marker."""
     return PointStamped(
         header=header_of(stamp, frame),
         point=_point(position),
@@ -71,8 +71,7 @@ def markers_of(
     positions: FloatArray,
     frame: str = FRAME_ID,
 ) -> MarkerArray:
-    """Mass markers (K, 2) [m]; those that are not tracked (NaN) are
-    deleted."""
+    """Mass markers (K, 2) [m]; those that are not tracked (NaN) are deleted."""
     markers = []
     size = {"x": DISC_DIAMETER, "y": DISC_DIAMETER, "z": DISC_DIAMETER}
     for index, (name, position) in enumerate(zip(names, positions, strict=True)):

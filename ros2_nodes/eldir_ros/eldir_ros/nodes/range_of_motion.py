@@ -87,7 +87,7 @@ class RangeOfMotionNode(RigNode):
         if self.state != ACTIVE or self._replayed is not None:
             return
         if message.state != Run.RUNNING:
-            if message.state != Run.FINISHED:  # of a finished one, the last marks are still on their way
+            if message.state != Run.FINISHED:  # of a finished one, the last markers are still on their way
                 self._end()
             return
         self._begin(schedule_from(message.schedule), nanoseconds(message.start))

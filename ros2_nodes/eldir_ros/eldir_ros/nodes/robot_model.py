@@ -2,8 +2,8 @@
 # Use of this source code is governed by an MIT-style license that can be found in the LICENSE file or at
 # https://opensource.org/licenses/MIT.
 
-"""The robot for RViz and Foxglove: its description with the shapes of its parts, moved by the marks; and the
-predicted robot beside it."""
+"""The robot for RViz and Foxglove: its description with the shapes of its parts, moved by the markers; and
+the predicted robot beside it."""
 
 from __future__ import annotations
 

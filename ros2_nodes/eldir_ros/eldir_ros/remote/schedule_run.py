@@ -168,7 +168,7 @@ class ScheduleRun:
             proven,
         )
 
-    # What the player observes.
+    # As an observer of the player.
 
     def on_relays(self, t: float, states: tuple[bool, ...]) -> None:
         self._edges.update(t, states)
