@@ -98,19 +98,25 @@ def warming_pulse(rig: Rig) -> float:
     """How long each channel heats [s]: as long as the rig allows, and no spring exceeds `MAX_TOUCH_C` at the
     worst case of the tolerances. Raises `LimitError` where the rig must not heat."""
     limits.check_rig(rig)
-    max_length = limits.max_pulse(rig)
+    max_length, shortest = limits.max_pulse(rig), round(_MIN_PULSE_S / _TIMER_STEP_S)
+    if max_length < _MIN_PULSE_S + _TIMER_STEP_S:
+        raise LimitError(
+            "the rig allows no pulse in which a spring gets warm enough to feel",
+            expected=f"{_MIN_PULSE_S + _TIMER_STEP_S:g} s or more",
+            found=f"{max_length:g} s",
+            remedy="raise limits.max_on_s and cutoff.max_on_s",
+        )
     steps = int(max_length / _TIMER_STEP_S + 1e-6)
     hottest = HeatModel([worst_springs(rig)]).run(np.ones((steps, 1)), _TIMER_STEP_S).temperature[:, 0]
     # A board's own timer may open a step later, as limits.TIMER_STEP says.
     allowed = np.flatnonzero(hottest <= MAX_TOUCH_C)
     length = round((len(allowed) - 1) * _TIMER_STEP_S, 3)
     if length < _MIN_PULSE_S:
-        reached = hottest[min(steps - 1, round(_MIN_PULSE_S / _TIMER_STEP_S))]
         raise LimitError(
             "springs get too hot to touch in the shortest pulse",
             code="limit.warm-hands",
             expected=f"at most {MAX_TOUCH_C:g} C",
-            found=f"{reached:.0f} C after {_MIN_PULSE_S:g} s",
+            found=f"{hottest[min(steps - 1, shortest)]:.0f} C after {_MIN_PULSE_S:g} s",
             remedy="lower supply.current_limit_a",
         )
     return length

@@ -10,7 +10,7 @@ import typer
 from eldir_app.options import DesignFile, RigFile
 
 if TYPE_CHECKING:
-    from eldir_calibration.adaptation.runs import AdaptationRun, SpringHeat, SupplyAdvice
+    from eldir_calibration.adaptation.runs import Adaptation, AdaptationRun, SupplyAdvice
     from eldir_hardware.rig.configuration import Rig
     from eldir_hardware.schedule import ActuationSchedule
 
@@ -98,7 +98,7 @@ def adapt(
     typer.echo(f"ended: {found.ended}")
     if not found.runs:
         return
-    typer.echo(_describe_heat(found.heat, rig))
+    typer.echo(_describe_heat(found, rig))
     for fault in found.faults:
         typer.echo(f"run {fault.run}: {fault.text}; {fault.remedy}")
     typer.echo(f"wrote {out / 'adaptation.html'}")
@@ -172,8 +172,11 @@ def _describe(number: int, run: AdaptationRun) -> str:
     return line
 
 
-def _describe_heat(heat: SpringHeat | None, rig: Rig) -> str:
+def _describe_heat(found: Adaptation, rig: Rig) -> str:
     """One line about the springs in the last run, or why nothing is known of them."""
+    heat = found.heat
+    if heat is None and found.stands_still:
+        return "the robot hardly moves, so the film does not tell how hot its springs get"
     if heat is None:
         return (
             "the robot moves as no simulated one does: the films do not tell how hot its springs get, nor "

@@ -18,10 +18,9 @@ from eldir.parameters.springs import SpringParameters
 from eldir_calibration.adaptation.heat import SURE, believe_heat, find_safe_current, spring_strokes
 from eldir_calibration.adaptation.runs import Fault
 from eldir_calibration.dynamics.belief import Belief
-from eldir_calibration.dynamics.recording import INTERVAL, FilmedBody, Recording, find_any_fall
+from eldir_calibration.dynamics.recording import INTERVAL, FilmedBody, Recording, find_any_fall, moves
 from eldir_calibration.identification.identification import RobotFilms
 from eldir_calibration.report.comparison import PHASE_SAMPLES, Motion
-from eldir_hardware.safety.margins import SUPPLY_STEP
 
 _MAX_IDLE = 0.2
 """A motor does nothing if its stroke is at most this part of the longest one's: of springs that work it is
@@ -110,23 +109,36 @@ def _find_hot_springs(number: int, film: RobotFilms, belief: Belief, limit_c: fl
     if not belief.explains or heat.peak_c <= limit_c:
         return ()
     low, high = heat.peak_interval
-    lower = find_safe_current(belief, film, limit_c, film.nominal.springs.current_limit) or SUPPLY_STEP
+    lower = find_safe_current(belief, film, limit_c, film.nominal.springs.current_limit)
+    less = "" if lower is None else f" to {lower:.2f} A"
     return (
         Fault(
             number,
             "hot",
             f"the springs get hotter than the limit of {limit_c:g} C: the film tells {heat.peak_c:.0f} C "
             f"({low:.0f} to {high:.0f}), so they have more current or are cooled less than the rig file says",
-            f"lower the current limit to {lower:.2f} A, at the supply and in the rig file, or measure the "
-            "current and the springs (eldir calibrate springs)",
+            f"lower the current limit{less}, at the supply and in the rig file, or measure the current and "
+            "the springs (eldir calibrate springs)",
         ),
     )
 
 
 def _find_cold_springs(number: int, film: RobotFilms, belief: Belief) -> tuple[Fault, ...]:
+    if not belief.explains:
+        return ()
+    if not moves(film.recordings[0]):
+        return (
+            Fault(
+                number,
+                "cold",
+                "the robot hardly moves: its springs stay too cold, or something holds it",
+                "look whether the feet are free and the supply is on (if it was off, begin a new folder); "
+                "then measure the current, and turn the supply up as far as the limits allow",
+            ),
+        )
     used, _ = spring_strokes(belief, film.recordings[0], film.nominal.springs.current_limit)
     mean = used.mean(axis=0)
-    if not belief.explains or (mean + SURE * used.std(axis=0)).max() > _MAX_COLD:
+    if (mean + SURE * used.std(axis=0)).max() > _MAX_COLD:
         return ()
     return (
         Fault(

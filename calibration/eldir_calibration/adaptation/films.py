@@ -24,6 +24,7 @@ from eldir_calibration.dynamics.recording import (
     Progress,
     find_any_fall,
     require_informative,
+    require_visible,
 )
 from eldir_calibration.identification.identification import RobotFilms, read_films
 from eldir_hardware.rig.configuration import Rig
@@ -56,13 +57,20 @@ def nominal_robot(rig: Rig) -> RobotParameters:
     return RobotParameters(BuiltParameters().with_hubs(), rig.spring_parameters())
 
 
-def read_run(log: Path, design: Design, rig: Rig, progress: Progress) -> RobotFilms:
+def read_run(
+    log: Path, design: Design, rig: Rig, progress: Progress, *, has_moved: bool = False
+) -> RobotFilms:
     """The film of a run. Raises `InputError` if it shows too little, if the run was paused, or if robot, rig
-    or springs are not those of the folder; the supply's current limit may be another one."""
+    or springs are not those of the folder; the supply's current limit may be another one.
+
+    `has_moved`: whether the robot moved in a run before. Then it must move: the supply may be off. If it has
+    not, its springs may be too cold, which is what the film tells.
+    """
     _require_same_run(open_run(log, design), design, rig)
     films = read_films([log], design, progress)
     if standing := [one for one in films.recordings if one.fell_at is None]:
-        require_informative(standing)  # a fall sideways after the first cycle is what the film tells
+        # A fall sideways after the first cycle is what the film tells.
+        (require_informative if has_moved else require_visible)(standing)
     springs = rig.spring_parameters()
     if replace(films.nominal.springs, current_limit=springs.current_limit) != springs:
         raise InputError(

@@ -53,14 +53,15 @@ from eldir_calibration.adaptation.runs import (
 )
 from eldir_calibration.dynamics.belief import Belief
 from eldir_calibration.dynamics.configuration import DEFAULT_CONFIG
-from eldir_calibration.dynamics.recording import Progress
+from eldir_calibration.dynamics.recording import Progress, moves
 from eldir_calibration.identification.identification import RobotFilms
 from eldir_hardware.planning.plan import PlanConfig
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.schedule import ActuationSchedule
 
 Drive = Callable[[ActuationSchedule, Path], None]
-"""A function that plays a schedule and writes its log; it raises if the run was not played to its end."""
+"""A function that plays a schedule and writes its log; it raises if the run was broken off, not if a person
+ended it after a whole cycle."""
 _SCHEDULE, _SUMMARY = "schedule.json", "adaptation.json"
 _TO_REPAIR = ("supply", "motor", "stuck")
 _TOO_HOT = "hot"
@@ -157,7 +158,7 @@ def adapt(
             schedule.save(place / _SCHEDULE)
             _drive(drive, schedule, log)
         try:
-            films.append(read_run(log, design, rig, progress))
+            films.append(read_run(log, design, rig, progress, has_moved=any(map(_moves, films))))
         except InputError:
             _set_aside(log)  # else the same command would fail for ever
             raise
@@ -173,6 +174,10 @@ def adapt(
         return Adaptation((), None, ended)
     found = _advise(design, rig, folder, learned.summarize(runs, current, ended), films, learned, config)
     return _report(folder, rig, found, known, learned.scene)
+
+
+def _moves(film: RobotFilms) -> bool:
+    return moves(film.recordings[0])
 
 
 class _Learned(NamedTuple):
@@ -203,7 +208,7 @@ def _learn(
     number = len(films)
     earlier = tuple(fault for fault in faults if fault.run < number)
     now = find_faults(number, films[-1], belief, rig.limits.max_temperature_c)
-    heat = believe_heat(belief, films[-1]) if belief.explains else None
+    heat = believe_heat(belief, films[-1]) if belief.explains and _moves(films[-1]) else None
     return _Learned(scene, belief, earlier + now, heat)
 
 

@@ -143,6 +143,11 @@ class Adaptation(FileRecord):
     """Heat of the springs in the last run; null before its film was read, and where the belief does not
     explain the films."""
 
+    @property
+    def stands_still(self) -> bool:
+        """Whether the robot hardly moved in the last run, and the belief explains why."""
+        return self.heat is None and any(f.kind == "cold" and f.run == len(self.runs) for f in self.faults)
+
 
 def repeatable_runs(
     runs: Sequence[AdaptationRun], faults: Sequence[Fault], current_limit_a: float

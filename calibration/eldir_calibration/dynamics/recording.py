@@ -209,7 +209,42 @@ NOT_MEASURED = Measurements()
 def require_informative(
     recordings: Sequence[Recording], config: IdentificationConfig = DEFAULT_CONFIG
 ) -> None:
-    """Raise `InputError` for too few cycles or markers, cold motors, and a robot that does not move."""
+    """Raise `InputError` for films as `require_visible` does, and of a robot that does not move."""
+    require_visible(recordings, config)
+    for recording in recordings:
+        if not moves(recording, config):
+            raise InputError(
+                "the robot hardly moves, so its log says nothing about its parameters",
+                code="dynamics.hardly-moves",
+                expected=f"a marker that rises and falls by {config.min_motion * 1e3:.0f} mm",
+                found=f"{_rise(recording, config) * 1e3:.1f} mm",
+                remedy="measure the current in a spring: cold ones do not move it; or try another gait",
+            )
+
+
+def moves(recording: Recording, config: IdentificationConfig = DEFAULT_CONFIG) -> bool:
+    """Whether a marker of the robot rises and falls over the cycles that count."""
+    return _rise(recording, config) >= config.min_motion
+
+
+def _rise(recording: Recording, config: IdentificationConfig) -> float:
+    """By how much the marker that moves most rises and falls over the cycles that count [m]."""
+    x, share = _seen_cycles(recording)
+    heights = x[:, share >= config.min_visible_share, 1]
+    if not heights.size:
+        return 0.0
+    return float((np.nanmax(heights, axis=0) - np.nanmin(heights, axis=0)).max())
+
+
+def _seen_cycles(recording: Recording) -> tuple[FloatArray, FloatArray]:
+    """The markers over the cycles that count, and the share of these frames in which each is seen."""
+    times = recording.tracked.times
+    x = recording.tracked.positions[(times >= recording.start) & (times <= recording.end)]
+    return x, np.isfinite(x[..., 0]).mean(axis=0) if len(x) else np.zeros(x.shape[1])
+
+
+def require_visible(recordings: Sequence[Recording], config: IdentificationConfig = DEFAULT_CONFIG) -> None:
+    """Raise `InputError` for too few cycles or markers, and cold motors."""
     if not recordings or min(r.cycles for r in recordings) < config.min_cycles:
         raise InputError(
             "too few cycles to identify from",
@@ -218,9 +253,7 @@ def require_informative(
             found=str(min((r.cycles for r in recordings), default=0)),
         )
     for r in recordings:
-        inside = (r.tracked.times >= r.start) & (r.tracked.times <= r.end)
-        x = r.tracked.positions[inside]
-        share = np.isfinite(x[..., 0]).mean(axis=0) if len(x) else np.zeros(x.shape[1])
+        _, share = _seen_cycles(r)
         seen = [name for name, s in zip(r.tracked.names, share, strict=True) if s >= config.min_visible_share]
         if len(seen) < config.min_markers:
             raise InputError(
@@ -236,16 +269,6 @@ def require_informative(
                 "no motor was ever heated",
                 code="dynamics.never-heated",
                 remedy="check the log's relay states",
-            )
-        heights = x[:, share >= config.min_visible_share, 1]
-        moved = float((np.nanmax(heights, axis=0) - np.nanmin(heights, axis=0)).max())
-        if moved < config.min_motion:
-            raise InputError(
-                "the robot hardly moves, so its log says nothing about its parameters",
-                code="dynamics.hardly-moves",
-                expected=f"a marker that rises and falls by {config.min_motion * 1e3:.0f} mm",
-                found=f"{moved * 1e3:.1f} mm",
-                remedy="measure the current in a spring: cold ones do not move it; or try another gait",
             )
 
 

@@ -52,6 +52,8 @@ def find_log(path: Path) -> Path:
         names = values["rosbag2_bagfile_information"]["relative_file_paths"]
     except (KeyError, TypeError) as error:
         raise damaged(path / BAG_METADATA, found=type(error).__name__, remedy=remedy) from None
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise damaged(path / BAG_METADATA, found=f"relative_file_paths: {names!r:.40}", remedy=remedy)
     if len(names) != 1:
         raise InputError(
             f"{path} holds several files",

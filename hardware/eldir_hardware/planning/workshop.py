@@ -67,6 +67,6 @@ def allowed_timings(rig: Rig) -> tuple[Timing, ...]:
         raise InputError(
             f"the rig {rig.name} allows none of the default heating times",
             expected="one of " + ", ".join(f"{t.heating:g} s in {t.period:g} s" for t in candidates),
-            remedy="see eldir rig doctor",
+            remedy="raise limits.max_on_s, or lower limits.min_off_s or supply.current_limit_a",
         )
     return found

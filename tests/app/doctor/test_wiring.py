@@ -221,6 +221,11 @@ def test_a_rig_that_must_not_heat_warms_nothing():
             warming_pulse(rig)
     with raises(LimitError, "limit.warm-hands"):
         warming_pulse(rig_with(tolerances={"ambient_max_c": 47.5}, supply={"current_limit_a": 2.5}))
+    for short in (0.06, 0.4):  # springs stay cold: it is no heat that must be lowered
+        with pytest.raises(
+            LimitError, match=r"no pulse in which a spring gets warm.*expected 0\.6 s or more"
+        ):
+            warming_pulse(rig_with(limits={"max_on_s": short}))
 
 
 def test_the_doctor_warms_nothing_after_a_failure(packet, tmp_path):

@@ -348,16 +348,26 @@ def test_a_run_that_was_played_but_not_recorded_counts(bench: Bench) -> None:
 
 
 @pytest.mark.stress
-def test_a_film_that_shows_nothing_is_kept_aside_and_its_run_repeated(bench: Bench) -> None:
-    """Such as of a run with the supply switched off: no belief comes from it."""
+def test_a_robot_that_never_moved_is_a_run_and_one_that_stops_moving_is_none(bench: Bench) -> None:
+    """Its springs may be too cold, which is what the first film tells. After a film with motion the supply
+    may be off: no belief comes from such a run, which is kept aside and repeated."""
+    bench.is_cold = True
+    still = bench.adapt("still", replace(FEW, runs=1))
+    bench.is_cold = False
+    assert [(fault.run, fault.kind) for fault in still.faults] == [(1, "cold")]
+    assert still.faults[0].text.startswith("the robot hardly moves")
+    assert still.heat is None and still.stands_still and still.runs[0].filmed == pytest.approx(0.0, abs=0.01)
+    page = (bench.folder / "still" / "adaptation.html").read_text()
+    assert still.faults[0].remedy in page and "as no simulated one does" not in page
+    bench.adapt("stops", replace(FEW, runs=1))
     bench.is_cold = True
     for again in (1, 2):
         with raises(InputError, "dynamics.hardly-moves"):
-            bench.adapt("cold")
-        kept = sorted(path.name for path in (bench.folder / "cold" / "run_01").glob("*.mcap"))
+            bench.adapt("stops")
+        kept = sorted(path.name for path in (bench.folder / "stops" / "run_02").glob("*.mcap"))
         assert kept == [f"interrupted_{k:02d}.mcap" for k in range(1, again + 1)]
     bench.is_cold = False
-    assert not (bench.folder / "cold" / "adaptation.json").exists()
+    assert len(Adaptation.load(bench.folder / "stops" / "adaptation.json").runs) == 1
 
 
 @pytest.mark.stress

@@ -93,6 +93,17 @@ def test_springs_that_use_little_of_their_stroke_are_too_cold() -> None:
     np.testing.assert_allclose(full, 1.0, atol=0.02)
 
 
+def test_a_robot_that_does_not_move_is_cold_or_held() -> None:
+    """Also where the belief leaves open how far its springs move; not where it does not explain the film."""
+    still = moved(
+        film(0, 1), np.tile(film(0, 1).tracked.positions[:1], (len(film(0, 1).tracked.times), 1, 1))
+    )
+    for belief in (believed(BOTH_COLD), believed(BOTH_WORK)):
+        (fault,) = find_faults(2, films(still), belief, LIMIT)
+        assert (fault.run, fault.kind) == (2, "cold") and fault.text.startswith("the robot hardly moves")
+    assert kinds(still, believed(BOTH_COLD, 1.5)) == []
+
+
 def test_springs_above_the_limit_come_first() -> None:
     """Before everything else: with less current the robot must be filmed again anyway."""
     belief, seen = believed(BOTH_HOT), films(film(0, 1))

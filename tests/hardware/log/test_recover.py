@@ -189,9 +189,13 @@ def test_a_second_log_beside_leaves_the_bag_alone(tmp_path: Path) -> None:
     assert (tmp_path / "metadata.yaml").read_text() == before
     with AnyReader([tmp_path / "b.mcap"]) as reader:
         assert reader.message_count > 0
-    (tmp_path / "metadata.yaml").write_text("what: ever\n")
-    with raises(InputError, "file.damaged", match=r"metadata\.yaml"):
-        read_log(tmp_path)
+    for damaged in (
+        "what: ever",
+        *(f"rosbag2_bagfile_information: {{relative_file_paths: {v}}}" for v in "5a"),
+    ):
+        (tmp_path / "metadata.yaml").write_text(f"{damaged}\n")
+        with raises(InputError, "file.damaged", match=r"metadata\.yaml"):
+            read_log(tmp_path)
 
 
 def test_the_foxglove_layout_shows_topics_that_a_log_has(tmp_path: Path) -> None:
