@@ -145,6 +145,11 @@ class RangeOfMotionNode(RigNode):
             self.get_logger().info(
                 f"cycle {cycle.cycle}: tracked {tracked} mm, walked {cycle.displacement:+.2f} body lengths"
             )
+            if run.prediction is None:
+                self.get_logger().warning(
+                    f"cycle {cycle.cycle} has no predicted ranges: the prediction is not ready, other programs "
+                    "keep this computer busy"
+                )
 
 
 def _predict(sender: Connection, design: Design, rig: Rig, schedule: ActuationSchedule) -> None:

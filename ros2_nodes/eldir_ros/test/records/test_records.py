@@ -116,7 +116,7 @@ def test_tracks_on_the_graph_are_those_of_the_log_tracked_anew(recorded):
     again = track_log(log)
     np.testing.assert_array_equal(log.tracks.times, again.times)
     np.testing.assert_array_equal(log.tracks.positions, again.positions)
-    assert len(again.times) > 100 and np.isfinite(again.positions).all()
+    assert len(again.times) > 30 and np.isfinite(again.positions).all()
 
 
 def test_a_replayed_log_gives_the_same_tracks(recorded, tmp_path):
@@ -192,4 +192,4 @@ def test_all_nodes_in_one_process(tmp_path):
         assert goal.accepted and graph.processes["rig_process"].wait(PATIENCE) == 0
         assert "did not report" not in graph.said("rig_process"), "the relay board ends last"
     log = read_log(min(tmp_path.glob("run-*/log.mcap")))
-    assert log.tracks is not None and log.frame_count > 40
+    assert log.tracks is not None and log.frame_count > 10
