@@ -63,8 +63,8 @@ def read_run(
     """The film of a run. Raises `InputError` if it shows too little, if the run was paused, or if robot, rig
     or springs are not those of the folder; the supply's current limit may be another one.
 
-    `has_moved`: whether the robot moved in a run before. Then it must move: the supply may be off. If it has
-    not, its springs may be too cold, which is what the film tells.
+    `has_moved`: whether the robot moved with as much current before. Then it must move: the supply may be
+    off. If it has not, its springs may be too cold, which is what the film tells.
     """
     _require_same_run(open_run(log, design), design, rig)
     films = read_films([log], design, progress)

@@ -158,7 +158,7 @@ def adapt(
             schedule.save(place / _SCHEDULE)
             _drive(drive, schedule, log)
         try:
-            films.append(read_run(log, design, rig, progress, has_moved=any(map(_moves, films))))
+            films.append(read_run(log, design, rig, progress, has_moved=_have_moved(films, current)))
         except InputError:
             _set_aside(log)  # else the same command would fail for ever
             raise
@@ -178,6 +178,11 @@ def adapt(
 
 def _moves(film: RobotFilms) -> bool:
     return moves(film.recordings[0])
+
+
+def _have_moved(films: Sequence[RobotFilms], current_limit_a: float) -> bool:
+    """Whether the robot moved in a film with this current limit or a lower one."""
+    return any(_moves(film) for film in films if film.nominal.springs.current_limit <= current_limit_a)
 
 
 class _Learned(NamedTuple):
