@@ -358,7 +358,7 @@ def test_a_robot_that_never_moved_is_a_run_and_one_that_stops_moving_is_none(ben
     assert still.faults[0].text.startswith("the robot hardly moves")
     assert still.heat is None and still.stands_still and still.runs[0].filmed == pytest.approx(0.0, abs=0.01)
     page = (bench.folder / "still" / "adaptation.html").read_text()
-    assert still.faults[0].remedy in page and "as no simulated one does" not in page
+    assert still.faults[0].remedy in page and "Look for a marker that was lost" not in page
     bench.adapt("stops", replace(FEW, runs=1))
     bench.is_cold = True
     for again in (1, 2):
