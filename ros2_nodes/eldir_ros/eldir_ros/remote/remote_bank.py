@@ -24,6 +24,7 @@ from eldir_ros.conversions import runs
 from eldir_ros.conversions.board import BoardState
 
 _BOARD_TIMEOUT = 1.2  # without a report for so long, the board node counts as dead [s]
+_ARM_TIMEOUT = 5.0  # until the board node must be heard before a run, while nothing heats [s]
 _KEEPALIVE_INTERVAL = 0.1  # [s]
 _OFF_TIMEOUT = 3.0  # until every contact must have been reported open [s]
 _MAX_COMMANDS = 100  # a report is younger than a second, a command comes every 0.1 s
@@ -98,7 +99,7 @@ class RemoteBank(HeaterBank):
         """Require that the board node is armed, by its reports, and that no required node is missing.
 
         Late messages are awaited for a moment. Activating the board node arms it."""
-        deadline = time.monotonic() + _BOARD_TIMEOUT
+        deadline = time.monotonic() + _ARM_TIMEOUT
         while not self._is_reported() or self._missing():  # nothing heats yet: late messages may still arrive
             self._take_reports(0.1, lambda report: None)
             self._require_running()
