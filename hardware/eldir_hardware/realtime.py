@@ -10,7 +10,7 @@ import os
 from contextlib import suppress
 
 COMMANDS = 1
-"""Programs that command a guardian."""
+"""ROS programs that command a guardian."""
 GUARDIAN = 2
 EMULATED_HARDWARE = 3
 

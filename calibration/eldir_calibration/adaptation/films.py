@@ -68,9 +68,10 @@ def read_run(
     """
     _require_same_run(open_run(log, design), design, rig)
     films = read_films([log], design, progress)
+    # Of a robot that falls sideways after the first cycle, the fall is what the film tells.
     if standing := [one for one in films.recordings if one.fell_at is None]:
-        # A fall sideways after the first cycle is what the film tells.
-        (require_informative if has_moved else require_visible)(standing)
+        require = require_informative if has_moved else require_visible
+        require(standing)
     springs = rig.spring_parameters()
     if replace(films.nominal.springs, current_limit=springs.current_limit) != springs:
         raise InputError(

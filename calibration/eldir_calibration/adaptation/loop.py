@@ -163,9 +163,8 @@ def adapt(
             _set_aside(log)  # else the same command would fail for ever
             raise
         runs.append(_record(log, design, schedule, films[-1], filmed_walks(films[:-1]), scene))
-        _save(
-            folder, Adaptation(tuple(runs), best_run(runs, faults, current), "", (), faults)
-        )  # of earlier runs
+        # With the faults of earlier runs: those of this one are not known yet.
+        _save(folder, Adaptation(tuple(runs), best_run(runs, faults, current), "", (), faults))
         on_run(len(runs), runs[-1])
         write_film(log, design, films[-1])
         learned = _learn(design, rig, films, known, faults, config, progress)

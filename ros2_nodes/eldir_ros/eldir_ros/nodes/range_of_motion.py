@@ -147,8 +147,8 @@ class RangeOfMotionNode(RigNode):
             )
             if run.prediction is None:
                 self.get_logger().warning(
-                    f"cycle {cycle.cycle} has no predicted ranges: the prediction is not ready, because "
-                    "other programs keep this computer busy"
+                    f"cycle {cycle.cycle} has no predicted ranges: the prediction, which is computed during "
+                    "the run at a low priority, is not ready"
                 )
 
 
