@@ -68,7 +68,7 @@ MODULES = [
     "eldir_hardware.vision.whole_body", "eldir_hardware.vision.virtual_camera",
     "eldir_hardware.vision.out_of_plane", "eldir_hardware.vision.solid_robot", "eldir_hardware.virtual.rig",
     "eldir_hardware.virtual.springs", "eldir_hardware.virtual.bodies", "eldir_hardware.virtual.mujoco_body",
-    "eldir_hardware.virtual.biplane_body",
+    "eldir_hardware.virtual.biplane_body", "eldir_hardware.virtual.impossible_motion",
     "eldir_calibration.adaptation.loop", "eldir_calibration.adaptation.choice",
     "eldir_calibration.adaptation.runs", "eldir_calibration.adaptation.films",
     "eldir_calibration.adaptation.faults", "eldir_calibration.adaptation.prior",

@@ -123,6 +123,7 @@ def _with_attached_files(
 ) -> LogFacts:
     """The facts, with those of the attached design, schedule and rig file."""
     from eldir.design import Design
+    from eldir_hardware.log.messages import MOVED_BY, VIRTUAL_RIG
     from eldir_hardware.log.reader import read_attachment
     from eldir_hardware.rig.configuration import Rig
     from eldir_hardware.schedule import ActuationSchedule
@@ -146,7 +147,7 @@ def _with_attached_files(
         predicted = None if walk is None else walk.mean
         facts = replace(facts, period_s=schedule.period_s, cycles=schedule.cycles, predicted=predicted)
     if rig is not None:
-        physics = (s.message.removeprefix("moved by ") for s in statuses if s.name == "virtual rig")
+        physics = (s.message.removeprefix(MOVED_BY) for s in statuses if s.name == VIRTUAL_RIG)
         real = "emulated board" if facts.rehearsal else "real"
         kind = real if rig.kind == "real" else next(physics, "virtual")
         facts = replace(facts, rig=rig.name, physics=kind)

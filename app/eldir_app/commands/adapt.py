@@ -169,6 +169,8 @@ def _describe(number: int, run: AdaptationRun) -> str:
         line += f", over {run.cycles} cycles"
     if run.misfit is not None and run.misfit > 1.0:
         line += "; in the films before, the robot moved as no simulated one does"
+    if run.impossible_motion is not None:
+        line += f"; no printed robot walks so: {run.impossible_motion}"
     return line
 
 

@@ -51,6 +51,7 @@ from eldir_calibration.adaptation.runs import (
     best_run,
     repeatable_runs,
 )
+from eldir_calibration.comparison.recorded_run import open_run
 from eldir_calibration.dynamics.belief import Belief
 from eldir_calibration.dynamics.configuration import DEFAULT_CONFIG
 from eldir_calibration.dynamics.recording import Progress, moves
@@ -328,6 +329,7 @@ def _record(
         round(film.walked, 4),
         film.upright,
         films.recordings[0].cycles,
+        open_run(log, design).impossible_motion or None,
     )
 
 

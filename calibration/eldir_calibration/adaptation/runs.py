@@ -61,6 +61,9 @@ class AdaptationRun(Record):
     cycles: Annotated[Annotated[int, Field(ge=0)] | None, OMITTED] = None
     """Cycles that the film shows: fewer than the schedule's where the markers were lost; missing in older
     files."""
+    impossible_motion: Annotated[str | None, OMITTED] = None
+    """What the robot of a virtual rig did that a printed one cannot do, so that the walk is none of a printed
+    robot; missing where nothing was seen."""
 
 
 @record

@@ -23,6 +23,7 @@ from eldir_calibration.comparison.meters import read_meters
 from eldir_calibration.report.comparison import Motion
 from eldir_calibration.report.controls import INTACT
 from eldir_hardware.log.mcap_file import find_log, fingerprint
+from eldir_hardware.log.messages import MOVED_BY, VIRTUAL_RIG
 from eldir_hardware.log.reader import RunLog, read_attachment, read_log
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.schedule import ActuationSchedule
@@ -177,9 +178,16 @@ class LoggedRun(RecordedRun):
         """Whether it was a rehearsal, and the physics of a virtual rig, such as ", moved by MuJoCo 4.0.0";
         empty for a run of a real rig and in older logs."""
         rehearsal = ", a rehearsal on an emulated board" if self.log.is_dry_run else ""
-        return rehearsal + "".join(
-            f", {message}" for _, part, message in self.log.statuses if part == "virtual rig"
-        )
+        return rehearsal + "".join(f", {message}" for message in self._virtual_rig_messages)
+
+    @property
+    def impossible_motion(self) -> str:
+        """What the robot of a virtual rig did that a printed one cannot do; empty if nothing was seen."""
+        return "; ".join(m for m in self._virtual_rig_messages if not m.startswith(MOVED_BY))
+
+    @property
+    def _virtual_rig_messages(self) -> list[str]:
+        return [message for _, part, message in self.log.statuses if part == VIRTUAL_RIG]
 
     @property
     def ending(self) -> str:

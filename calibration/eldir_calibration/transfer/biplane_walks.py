@@ -71,12 +71,12 @@ def measure_biplane_walk(
     motion = BiplaneMotion(model, (springs.cold_length, springs.hot_length))
     seen: list[FloatArray] = []
     try:
-        shortened = follow_table(motion, table, lambda: seen.append(motion.discs), cancelled)
+        loads = follow_table(motion, table, lambda: seen.append(motion.discs), cancelled)
     except EldirError:
         return BiplaneWalk(-np.inf, "fails")
     discs = np.array(seen)
     centres = discs.mean(axis=2)
-    found = evaluate_walk(morphology, centres[..., [0, 2]], shortened, table, cycles)
+    found = evaluate_walk(morphology, centres[..., [0, 2]], loads, table, cycles)
     yaws, rolls = yaw_and_roll(discs[0].reshape(-1, 3), discs.reshape(len(discs), -1, 3))
     roll, first = float(np.abs(rolls).max()), table.first_cycle // SAMPLE_ROWS
     if roll > TOPPLED_ANGLE:

@@ -114,10 +114,10 @@ def measure_walk(
     motion = MujocoMotion(model, free)
     positions: list[FloatArray] = []
     try:
-        shortened = follow_table(motion, table, lambda: positions.append(motion.positions), cancelled)
+        loads = follow_table(motion, table, lambda: positions.append(motion.positions), cancelled)
     except EldirError:
         return MujocoWalk(-np.inf, "fails")
-    return evaluate_walk(morphology, np.array(positions), shortened, table, cycles)
+    return evaluate_walk(morphology, np.array(positions), loads, table, cycles)
 
 
 def follow_table(
@@ -126,36 +126,35 @@ def follow_table(
     on_second: Callable[[], None],
     cancelled: Event | None = None,
 ) -> FloatArray:
-    """Drive a robot by free lengths of its coils. Returns how much shorter than free each coil is between its
-    hinges [m], after each second: shape (T, A).
+    """Drive a robot by free lengths of its coils. Returns the shortening of each coil over the one at which
+    it buckles, after each second: shape (T, A).
 
     `on_second` is called at the beginning and after each second. Raises `EldirError` where the simulation
     fails, and once `cancelled` is set.
     """
     on_second()
-    shortened = []
+    loads = []
     for row in range(0, len(table.lengths) - SAMPLE_ROWS, SAMPLE_ROWS):
         if cancelled is not None and cancelled.is_set():
             raise EldirError("the simulation was cancelled")
         motion.follow(table.lengths[row : row + SAMPLE_ROWS + 1], table.interval)
         on_second()
-        shortened.append(motion.between_hinges(table.lengths[row + SAMPLE_ROWS]) - motion.coil_lengths)
-    return np.array(shortened)
+        loads.append(motion.coil_loads(table.lengths[row + SAMPLE_ROWS]))
+    return np.array(loads)
 
 
 def evaluate_walk(
-    morphology: Morphology, positions: FloatArray, shortened: FloatArray, table: FreeLengths, cycles: int
+    morphology: Morphology, positions: FloatArray, loads: FloatArray, table: FreeLengths, cycles: int
 ) -> MujocoWalk:
-    """`positions` [m] every `SAMPLE_ROWS` rows of the table, shape (T + 1, M, 2); `shortened`: how much
-    shorter than free each coil is between its hinges [m], in all of them but the first, shape (T, A)."""
+    """`positions` [m] every `SAMPLE_ROWS` rows of the table, shape (T + 1, M, 2); `loads`: shortening of
+    each coil over the one at which it buckles, in all of them but the first, shape (T, A)."""
     robot = build(morphology)
     if np.abs(rotation(robot.positions, positions)).max() > TOPPLED_ANGLE:
         return MujocoWalk(-np.inf, "turns over")
     # Hubs may touch each other: MuJoCo knows their contact.
     if min_area_ratio(robot, positions) < FOLDED_AREA_RATIO:
         return MujocoWalk(-np.inf, "folds")
-    most = SpringParameters().buckling_shortening(table.lengths[SAMPLE_ROWS::SAMPLE_ROWS][: len(shortened)])
-    if (shortened > most).any():
+    if (loads > 1.0).any():
         return MujocoWalk(-np.inf, "buckles a coil")
     forward = positions[-1, :, 0].mean() - positions[table.first_cycle // SAMPLE_ROWS, :, 0].mean()
     return MujocoWalk(float(forward / robot.body_length * CYCLES / cycles))

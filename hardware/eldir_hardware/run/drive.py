@@ -24,7 +24,7 @@ from eldir_hardware.guardian.client import Guardian
 from eldir_hardware.guardian.measured_power import describe_correction
 from eldir_hardware.guardian.pulse_controller import PulseController
 from eldir_hardware.log.background import BackgroundRecorder
-from eldir_hardware.log.messages import DRY_RUN, HEAT_MODEL, ROOM
+from eldir_hardware.log.messages import DRY_RUN, HEAT_MODEL, MOVED_BY, ROOM, VIRTUAL_RIG
 from eldir_hardware.log.recorder import Recorder
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.sections import LiveCameraEntry, VirtualCameraEntry
@@ -221,7 +221,7 @@ def _attach_files(
     if design is not None:
         log.attach("design.json", design)
     if rig.kind == "virtual" and design is not None:
-        log.on_status(0.0, "virtual rig", f"moved by {physics_version(rig.virtual.physics)}")
+        log.on_status(0.0, VIRTUAL_RIG, f"{MOVED_BY}{physics_version(rig.virtual.physics)}")
     calibration.attach_to(log)
 
 
@@ -233,7 +233,7 @@ def _filming(opened: OpenedRig, log: _Writer, latest: _LatestTime) -> Iterator[C
             yield begin
     finally:
         if remark := opened.get_remark():
-            log.on_status(latest.t, "virtual rig", remark, good=False)
+            log.on_status(latest.t, VIRTUAL_RIG, remark, good=False)
 
 
 def _log_facts(log: _Writer, facts: dict[str, str], wiring: str, room: MeasuredRoom, correction: str) -> None:

@@ -18,7 +18,8 @@ from eldir_cad.multibody.biplane import Biplane, build_biplane
 from eldir_cad.multibody.biplane_mjcf import biplane_mjcf, disc_name
 from eldir_cad.multibody.hubs import face_side
 from eldir_hardware.camera.projection import DiscPoses
-from eldir_hardware.virtual.mujoco_body import TILT_SCATTER, CoilDrivenMotion, OverlapCheck
+from eldir_hardware.virtual.impossible_motion import ImpossibleMotion
+from eldir_hardware.virtual.mujoco_body import TILT_SCATTER, CoilDrivenMotion
 
 
 class BiplaneBody:
@@ -37,8 +38,7 @@ class BiplaneBody:
         self._model = sample_biplane(morphology, seed, ballast, built, terrain)
         self.motion = BiplaneMotion(self._model, (springs.cold_length, springs.hot_length))
         self._lengths = np.full((1, len(FACES) * morphology.motors), springs.cold_length)
-        self._overlap_check, self._time = OverlapCheck(morphology, load_specification()), 0.0
-        self.remark = ""
+        self._impossible, self._time = ImpossibleMotion(morphology), 0.0
         self.springs = morphology.springs
 
     @property
@@ -62,11 +62,13 @@ class BiplaneBody:
         self.motion.follow(table, interval)
         self._lengths = table[-1:]
         self._time += len(lengths) * interval
-        for face, discs in zip(FACES, self.motion.discs.swapaxes(0, 1), strict=True):
-            if not self.remark and (parts := self._overlap_check.worst_pair(discs)):
-                self.remark = (
-                    f"{parts} of the {face} pass through each other, first {self._time:.1f} s after power-on"
-                )
+        faces = dict(zip(FACES, self.motion.discs.swapaxes(0, 1), strict=True))
+        self._impossible.look(self._time, faces, self.motion.coil_loads(table[-1]))
+
+    @property
+    def remark(self) -> str:
+        """As of `DrivenBody`."""
+        return self._impossible.remark
 
 
 class BiplaneMotion(CoilDrivenMotion):

@@ -23,6 +23,7 @@ from eldir.parameters.springs import SpringParameters
 from eldir.parameters.wiring import FACES
 from eldir.terrain import Terrain
 from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.virtual.impossible_motion import describe_buckling
 from eldir_hardware.virtual.rig import DrivenBody
 
 Physics = Literal["eldir", "mujoco"]
@@ -130,7 +131,8 @@ class EngineBody:
         self._free = (springs.cold_length, springs.hot_length)
         self._lengths = np.full((1, morphology.motors), springs.cold_length)
         self._terrain, self._state = terrain, place(self._robot, terrain)
-        self.remark = ""  # strips and coils have no width here: nothing overlaps
+        self.remark, self._time = "", 0.0
+        self._morphology = morphology
         self.springs = morphology.springs
         self.positions = self._state[:2].T
         self.discs = None
@@ -138,6 +140,7 @@ class EngineBody:
     def move(self, lengths: FloatArray, interval: float) -> None:
         """Move by the mean free lengths of both faces; arguments as of `DrivenBody.move`."""
         from eldir.built.motion import OK, drive
+        from eldir.built.walking import coil_load
 
         table = np.concatenate([self._lengths, lengths[:, : self._lengths.shape[1]].mean(axis=2)])
         (motion,) = drive(
@@ -154,6 +157,10 @@ class EngineBody:
         self._state = motion.state
         self._lengths = table[-1:]
         self.positions = motion.positions[-1]
+        self._time += len(lengths) * interval
+        if not self.remark:  # strips and coils have no width here: nothing overlaps
+            loads = coil_load(self._robot, motion, table[[0, -1]])
+            self.remark = describe_buckling(self._morphology, loads[-1], self._time)
 
 
 class BodyProcess:

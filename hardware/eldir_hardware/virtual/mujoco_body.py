@@ -19,14 +19,14 @@ from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import sample_feet
 from eldir.parameters.springs import SpringParameters
 from eldir.terrain import Terrain
-from eldir_cad.checks.contacts import point_distance
 from eldir_cad.kit import PRINTER
 from eldir_cad.kit.printer import load_printer
-from eldir_cad.kit.specification import Specification, load_specification
+from eldir_cad.kit.specification import load_specification
 from eldir_cad.multibody.biplane import Biplane
 from eldir_cad.multibody.hubs import hub_name
 from eldir_cad.multibody.mjcf import mjcf_text
 from eldir_cad.multibody.model import Multibody, build_multibody
+from eldir_hardware.virtual.impossible_motion import ImpossibleMotion
 
 TILT_SCATTER = np.deg2rad(0.2)
 """Standard deviation of the table's slope [rad]: a table that was levelled with a spirit level."""
@@ -57,8 +57,7 @@ class MujocoBody:
         model = sample_multibody(morphology, seed, ballast, built, terrain)
         self.motion = MujocoMotion(model, (springs.cold_length, springs.hot_length))
         self._lengths = np.full((1, morphology.motors), springs.cold_length)
-        self._overlap_check, self._time = OverlapCheck(morphology, load_specification()), 0.0
-        self.remark = ""
+        self._impossible, self._time = ImpossibleMotion(morphology), 0.0
         self.springs = morphology.springs
         self.positions = self.motion.positions
         self.discs = None
@@ -70,8 +69,12 @@ class MujocoBody:
         self._lengths = table[-1:]
         self.positions = self.motion.positions
         self._time += len(lengths) * interval
-        if not self.remark and (parts := self._overlap_check.worst_pair(self.positions)):
-            self.remark = f"{parts} pass through each other, first {self._time:.1f} s after power-on"
+        self._impossible.look(self._time, {"": self.positions}, self.motion.coil_loads(table[-1]))
+
+    @property
+    def remark(self) -> str:
+        """As of `DrivenBody`."""
+        return self._impossible.remark
 
 
 class CoilDrivenMotion:
@@ -92,10 +95,12 @@ class CoilDrivenMotion:
         """Lengths of the coils between their hinges, at the last step [m], shape (A,)."""
         return np.array(self.data.actuator_length)
 
-    def between_hinges(self, lengths: FloatArray) -> FloatArray:
-        """Free lengths between hinges of free lengths between centres [m], shape (A,) each."""
+    def coil_loads(self, lengths: FloatArray) -> FloatArray:
+        """Shortening of each coil between its hinges over the one at which it buckles, shape (A,); negative
+        in tension. `lengths`: their free lengths between centres [m], shape (A,)."""
         wanted, _ = self._robot.coil_commands(lengths[None], self._free)
-        return wanted[0]
+        shortened: FloatArray = wanted[0] - self.coil_lengths
+        return shortened / SpringParameters().buckling_shortening(lengths)
 
     def follow(self, lengths: FloatArray, interval: float) -> None:
         """Move by free lengths [m] at instants 0, `interval`, ... [s], linear between them, shape (K + 1, A).
@@ -197,29 +202,3 @@ def _mujoco() -> Any:
             remedy="pip install 'eldir[mujoco]' (a rig file may set virtual.physics to eldir instead)",
         ) from None
     return mujoco
-
-
-class OverlapCheck:
-    """All pairs of a hub and a spring that it does not hold: parts that may pass through each other as a
-    robot moves, since MuJoCo sees hubs, but neither strips nor coils."""
-
-    def __init__(self, morphology: Morphology, spec: Specification):
-        self._ends = morphology.springs
-        hub, spring = np.indices((len(morphology.positions), len(self._ends))).reshape(2, -1)
-        separate = (self._ends[spring] != hub[:, None]).all(axis=1)
-        self._hub, self._spring = hub[separate], spring[separate]
-        thick = np.where(morphology.active, spec.coil.outer_diameter, spec.strip.thickness)
-        self._reach = 1e-3 * (spec.mass.across_flats + thick[self._spring]) / 2
-
-    def worst_pair(self, positions: FloatArray) -> str | None:
-        """Description of the pair that overlaps most with the hubs' centres at `positions` [m], shape (M, 2),
-        or the discs of one face in space, (M, 3); None without overlap."""
-        if not len(self._hub):
-            return None
-        a, b = positions[self._ends[self._spring]].transpose(1, 0, 2)
-        gaps = point_distance(positions[self._hub], a, b) - self._reach
-        worst = int(gaps.argmin())
-        if gaps[worst] >= 0:
-            return None
-        ends = "-".join(str(end) for end in self._ends[self._spring[worst]])
-        return f"mass {self._hub[worst]} and spring {ends}"

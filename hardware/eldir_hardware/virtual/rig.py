@@ -52,9 +52,11 @@ class DrivenBody(Protocol):
 
     springs: IntArray
     """Mass indices of every spring, shape (S, 2)."""
-    remark: str
-    """A remark on motion that is impossible for a real robot, such as parts that pass through each other;
-    else empty."""
+
+    @property
+    def remark(self) -> str:
+        """What a printed robot cannot do, such as parts that pass through each other, and when it was first
+        seen; else empty."""
 
     @property
     def positions(self) -> FloatArray:

@@ -43,6 +43,7 @@ from tests.paths import SCHEMAS
 from tests.raised import raises
 
 STEP = Terrain(np.array([-1.0, 0.06, 0.12]), np.array([0.0, 0.1, 0.0]), np.array([0.0, -0.006, 0.006]))
+IMPOSSIBLE = "the coil of spring 2-3 would buckle on a printed robot, first 2.0 s after power-on"
 OFF = {"hot_length": -0.8, "current": 0.5, "friction": 0.5}
 
 
@@ -90,6 +91,8 @@ class Bench:
             recorder.attach("schedule.json", json.dumps(schedule.to_json()).encode())
             recorder.attach("rig.yaml", self.rig_file.read_bytes())
             recorder.attach("design.json", self.design_file.read_bytes())
+            if log.parent.name == "run_02":
+                recorder.on_status(0.0, "virtual rig", IMPOSSIBLE, good=False)
             recorder.on_relays(0.0, [False] * 4)
             closed = dict.fromkeys(range(1, 5), False)
             for t, changes in schedule.switchings():
@@ -178,6 +181,8 @@ def test_the_page_shows_each_run_and_what_is_believed(bench: Bench) -> None:
         assert f"{round(low, 2) + 0.0:+.2f} to {round(high, 2) + 0.0:+.2f}" in row
         assert f"{round(run.filmed, 2) + 0.0:+.2f}" in row
     assert f"Ended: {found.ended}." in page
+    assert [run.impossible_motion for run in found.runs] == [None, IMPOSSIBLE]
+    assert f"Run 2: no printed robot walks so: {IMPOSSIBLE}." in page
     belief = PrintedScene.load(out / "belief.json")
     nominal = nominal_robot(bench.rig)
     rows_by_name = {row.name: row for row in quantity_rows(nominal, None, belief)}

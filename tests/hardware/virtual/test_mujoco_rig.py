@@ -22,7 +22,7 @@ from eldir_hardware.safety.compatibility import with_digests
 from eldir_hardware.schedule import ActuationSchedule
 from eldir_hardware.virtual.biplane_body import BiplaneBody
 from eldir_hardware.virtual.bodies import BodyProcess
-from eldir_hardware.virtual.mujoco_body import OverlapCheck
+from eldir_hardware.virtual.impossible_motion import OverlapCheck
 from eldir_hardware.virtual.rig import BodyFrame
 from tests.eldir.random_design import make_design
 from tests.hardware.rigs_and_schedules import gait, rig_text
@@ -95,7 +95,8 @@ def test_a_run_is_filmed_and_its_log_says_which_physics_moved_the_robot(
     moved = np.array(seen)
     assert np.isfinite(moved).all() and np.ptp(moved, axis=0).max() > 1e-3, "the body moves"
     assert any("moved by MuJoCo" in message for _, part, message in log.statuses if part == "virtual rig")
-    assert open_run(folder / "log.mcap", DESIGN).physics_note.startswith(", moved by MuJoCo 4.")
+    run = open_run(folder / "log.mcap", DESIGN)
+    assert run.physics_note.startswith(", moved by MuJoCo 4.")
     drive(folder, "rig", "again.mcap")
     assert (folder / "log.mcap").read_bytes() == (folder / "again.mcap").read_bytes(), "same seed, same bytes"
 
@@ -105,8 +106,9 @@ def test_a_motion_that_no_real_robot_could_make_is_told(
 ) -> None:
     monkeypatch.setattr(OverlapCheck, "worst_pair", lambda self, positions: "mass 1 and spring 2-3")
     drive(folder, "rig", "through.mcap", frames=3)
-    told = [text for _, part, text in read_log(folder / "through.mcap").statuses if part == "virtual rig"]
-    assert told[-1].startswith("mass 1 and spring 2-3 pass through each other, first")
+    run = open_run(folder / "through.mcap", DESIGN)
+    assert run.impossible_motion.startswith("mass 1 and spring 2-3 pass through each other, first")
+    assert run.physics_note.endswith(f", {run.impossible_motion}")
 
 
 def test_a_far_robot_moves_otherwise(folder: Path, seen: list[np.ndarray]) -> None:

@@ -18,12 +18,11 @@ from eldir.lattice import Lattice
 from eldir.morphology import Morphology, develop
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.springs import SpringParameters
-from eldir_cad.kit.specification import load_specification
 from eldir_cad.multibody.hubs import hub_name
 from eldir_cad.multibody.mjcf import mjcf_text
 from eldir_cad.multibody.model import CoilSpring, Multibody, Numerics
 from eldir_hardware.virtual.bodies import EngineBody
-from eldir_hardware.virtual.mujoco_body import MujocoBody, MujocoMotion, OverlapCheck, sample_multibody
+from eldir_hardware.virtual.mujoco_body import MujocoBody, MujocoMotion, sample_multibody
 from tests.calibration.dynamics.hidden_rigs import walker
 from tests.hardware.virtual.multibody_models import (
     BENDING,
@@ -346,16 +345,6 @@ def test_hubs_that_meet_push_each_other() -> None:
     motion.data.xfrc_applied[1:, 0] = 0.1, -0.1
     first, second = rest(motion, 1.0)
     assert np.linalg.norm(first - second) == pytest.approx(2 * 6e-3, abs=2e-5)
-
-
-def test_hubs_that_pass_through_strips_are_named() -> None:
-    """Contact with strips is not simulated, so the log has to say so."""
-    overlap = OverlapCheck(BODY, load_specification())
-    places = build(BODY).positions.copy()
-    assert overlap.worst_pair(places) is None
-    (a, b), other = BODY.springs[0], int(next(i for i in range(len(places)) if i not in BODY.springs[0]))
-    places[other] = (places[a] + places[b]) / 2
-    assert overlap.worst_pair(places) == f"mass {other} and spring {a}-{b}"
 
 
 def test_the_seed_gives_the_robot_that_the_built_scene_has() -> None:

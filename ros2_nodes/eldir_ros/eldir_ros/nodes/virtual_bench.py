@@ -74,6 +74,7 @@ class VirtualBenchNode(Node):
                 dimensions=virtual.dimensions,
             )
         )
+        self._body, self._logged_remark = body, ""
         self._rig = opened.enter_context(VirtualRig(rig, body))
         port = self._rig.emulator.port
         if link is not None:
@@ -91,6 +92,9 @@ class VirtualBenchNode(Node):
             self._masses.publish(marks.poses_of(stamp, frame.positions, self._ground))
             if frame.discs is not None:
                 self._discs.publish(marks.discs_of(stamp, frame.discs, self._ground))
+            if (remark := self._body.remark) != self._logged_remark:
+                self._logged_remark = remark
+                self.get_logger().warning(remark)
 
     def _write_edges(self) -> None:
         edges = self._rig.emulator.contact_events
