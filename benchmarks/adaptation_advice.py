@@ -1,8 +1,9 @@
 """What a robot walks that is given the supply which `eldir adapt` advises (decision 79).
 
-Some runs with the template's current, which nobody measured. Then, if a measured current is advised, the rig
-with that current, in a new folder with the old one as its prior. What the last schedule walks there is
-compared with the best of the gaits that the same rig allows (`benchmarks.headroom`), both in MuJoCo.
+Some runs with the template's current, which nobody measured. Then, if the springs got too hot, as many more
+in the same folder with the lower current that is named; or, if a measured current is advised, the rig with
+that current, in a new folder with the old one as its prior. What the last schedule walks there is compared
+with the best of the gaits that the same rig allows (`benchmarks.headroom`), both in MuJoCo.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -53,7 +55,13 @@ def _row(design_file: Path, seed: int, runs: int, folder: Path) -> dict[str, Any
         return row | {"refused": str(error), "processor_s": time.process_time() - begin}
     row |= {"first": found.to_json(), "current_a": CURRENT_LIMIT_A}
     last = found
-    if advised := _choose(found.advice):
+    if found.faults and (lower := found.faults[-1].lower_current_a):
+        place, more = Search(design_file, seed, place.folder, lower, False), len(found.runs) + runs
+        last = adapt(
+            design_file, place.rig, place.folder / "adapted", place.drive, replace(config, runs=more)
+        )
+        row |= {"then": last.to_json(), "current_a": lower}
+    elif advised := _choose(found.advice):
         prior, current = place.folder / "adapted", advised.current_limit_a
         place = Search(design_file, seed, folder / "advised", current)
         last = adapt(design_file, place.rig, place.folder / "adapted", place.drive, config, prior=[prior])

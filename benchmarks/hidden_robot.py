@@ -114,6 +114,8 @@ class HiddenRig:
     folder: Path
     """Folder of the rig file and of everything that is driven."""
     current_a: float = CURRENT_LIMIT_A
+    measured: bool = True
+    """Whether current and air are measured if the current is another one than the template's."""
 
     @cached_property
     def design(self) -> Design:
@@ -122,8 +124,7 @@ class HiddenRig:
 
     @cached_property
     def rig_file(self) -> Path:
-        """The rig file, written at the first call. Current and air are measured if the current is another one
-        than the template's."""
+        """The rig file, written at the first call."""
         self.folder.mkdir(parents=True, exist_ok=True)
         text = virtual_rig(self.seed, str(self.design_file), physics="mujoco")
         seed = f"  seed: {self.seed}\n"
@@ -132,7 +133,7 @@ class HiddenRig:
             text = text.replace(
                 f"current_limit_a: {CURRENT_LIMIT_A:g}", f"current_limit_a: {self.current_a:g}"
             )
-            text = text.replace(_ASSUMED, _MEASURED)
+            text = text.replace(_ASSUMED, _MEASURED if self.measured else _ASSUMED)
         write_text(self.folder / "rig.yaml", text)
         return self.folder / "rig.yaml"
 

@@ -119,6 +119,7 @@ def _find_hot_springs(number: int, film: RobotFilms, belief: Belief, limit_c: fl
             f"({low:.0f} to {high:.0f}), so they have more current or are cooled less than the rig file says",
             f"lower the current limit{less}, at the supply and in the rig file, or measure the current and "
             "the springs (eldir calibrate springs)",
+            lower,
         ),
     )
 

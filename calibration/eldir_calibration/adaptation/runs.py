@@ -80,6 +80,9 @@ class Fault(Record):
     """What the film shows."""
     remedy: str
     """What to change."""
+    lower_current_a: Annotated[Annotated[float, Field(gt=0)] | None, OMITTED] = None
+    """Of springs that get too hot: current limit with which the believed ones keep the limit in the same
+    schedule [A]; missing where none does, and in older files."""
 
 
 @record

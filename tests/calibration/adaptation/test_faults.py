@@ -119,6 +119,7 @@ def test_springs_above_the_limit_come_first() -> None:
     safe = find_safe_current(belief, seen, peak - 1.0, SPRINGS.current_limit)
     assert safe is not None and find_safe_current(belief, seen, peak - 1.0, 9.0, above_a=safe) is None
     assert f"lower the current limit to {safe:.2f} A" in fault.remedy and safe < SPRINGS.current_limit
+    assert fault.lower_current_a == safe
     assert [keeps_limit(belief, seen, peak - 1.0, a) for a in (safe, safe + 0.05)] == [True, False]
     measured = SPRINGS.current_limit  # what the supply then gives
     at_file = steady_peak(replace(SPRINGS, current_limit=1.02 * measured))
