@@ -190,6 +190,14 @@ def test_a_run_waits_a_moment_for_a_node_that_is_late_and_no_longer(board):
     assert board.commands == [HeatCommand.KEEPALIVE]
 
 
+def test_a_late_report_from_before_the_board_was_armed_refuses_no_run(board):
+    board.armed = False
+    board.bank = board.new_bank()
+    threading.Timer(0.3, lambda: setattr(board, "armed", True)).start()
+    board.bank.arm()
+    assert board.commands == [HeatCommand.KEEPALIVE]
+
+
 def test_nodes_fall_silent_leave_or_are_absent():
     beats = Heartbeats(timeout=0.5)
     beats.update("camera", "active", 10.0)

@@ -280,12 +280,17 @@ def message_of(schedule: dict[str, Any]) -> Any:
     return schedule_of(read_schedule(json.dumps(schedule)))
 
 
-def require_prediction(is_there: bool) -> None:
-    """Fail where a motion was not predicted during its run, and skip the rest of a test where other programs
-    keep this computer from it: a prediction has a lower priority than the run."""
-    if not is_there and os.getloadavg()[0] > 2 * (os.cpu_count() or 1):
-        pytest.skip("this computer is too busy to predict a motion during a run")
-    assert is_there, "no motion was predicted"
+def is_busy() -> bool:
+    """Whether other programs keep this computer from what has a lower priority than heat: predictions, ten
+    pictures a second, and all that runs in one process with them."""
+    return os.getloadavg()[0] > 2 * (os.cpu_count() or 1)
+
+
+def require_unless_busy(is_so: bool, what: str) -> None:
+    """Fail where something is not so, and skip the rest of a test where a busy computer may be why."""
+    if not is_so and is_busy():
+        pytest.skip(f"this computer is too busy: {what}")
+    assert is_so, what
 
 
 def wait_until(condition: Any, patience: float = PATIENCE) -> None:

@@ -98,9 +98,10 @@ class RemoteBank(HeaterBank):
     def arm(self) -> None:
         """Require that the board node is armed, by its reports, and that no required node is missing.
 
-        Late messages are awaited for a moment. Activating the board node arms it."""
+        Late messages are awaited for a moment, such as the first report of a board node that was just
+        activated behind the last one of before. Activating the board node arms it."""
         deadline = time.monotonic() + _ARM_TIMEOUT
-        while not self._is_reported() or self._missing():  # nothing heats yet: late messages may still arrive
+        while not self._is_armed() or self._missing():  # nothing heats yet
             self._take_reports(0.1, lambda report: None)
             self._require_running()
             if time.monotonic() > deadline:
@@ -153,6 +154,9 @@ class RemoteBank(HeaterBank):
         aborted = self._sequence
         self._send(HeatCommand.END_OF_RUN)
         self._prove_off(aborted, f"{reason}; ")
+
+    def _is_armed(self) -> bool:
+        return self.last is not None and self.last.armed and self._is_reported()
 
     def _is_reported(self) -> bool:
         """Whether the board node has reported within `_BOARD_TIMEOUT`."""

@@ -16,7 +16,7 @@ pytest.importorskip("eldir_msgs", reason="needs the package eldir_msgs, built by
 pytest.importorskip("rosbag2_py", reason="needs rosbag2")
 
 from eldir_msgs.msg import RangeOfMotion  # noqa: E402
-from graph import Graph, require_prediction, wait_until  # noqa: E402
+from graph import Graph, require_unless_busy, wait_until  # noqa: E402
 from mcap.reader import make_reader  # noqa: E402
 from schedules import SLOW  # noqa: E402
 from visualization_msgs.msg import MarkerArray  # noqa: E402
@@ -106,6 +106,7 @@ def test_our_log_played_by_rosbag2_gives_the_same_numbers(recorded, tmp_path):
         assert getattr(live, field) == getattr(replayed, field), field
     with log.open("rb") as file:
         assert make_reader(file).get_header().profile == "ros2"
-    require_prediction(len(live.predicted) == len(replayed.predicted) == 5)
+    are_predicted = len(live.predicted) == len(replayed.predicted) == 5
+    require_unless_busy(are_predicted, "no motion was predicted")
     for field in ("simulated", "predicted"):
         assert getattr(live, field) == getattr(replayed, field), field

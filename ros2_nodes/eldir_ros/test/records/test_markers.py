@@ -17,7 +17,7 @@ rclpy = pytest.importorskip("rclpy", reason="needs ROS 2 Jazzy")
 pytest.importorskip("eldir_msgs", reason="needs the package eldir_msgs, built by colcon")
 
 from geometry_msgs.msg import PoseArray  # noqa: E402
-from graph import NODES, Graph, require_prediction, wait_until  # noqa: E402
+from graph import NODES, Graph, require_unless_busy, wait_until  # noqa: E402
 from schedules import CONFIG, SLOW  # noqa: E402
 from sensor_msgs.msg import CompressedImage  # noqa: E402
 from tf2_msgs.msg import TFMessage  # noqa: E402
@@ -120,7 +120,7 @@ def test_a_run_on_a_printed_ground_is_tracked_recorded_and_shown_beside_its_pred
     (log,) = map(read_log, tmp_path.glob("run-*/log.mcap"))
     assert Design.from_json(json.loads(log.attachments["design.json"])) == design
     np.testing.assert_array_equal(log.tracks.positions, track_log(log).positions)
-    require_prediction(is_predicted)
+    require_unless_busy(is_predicted, "no motion was predicted")
     assert {m.ns for m in drawn[0].markers} == {"predicted strips", "predicted coils"}
     both = sorted(set(moved["hub_00_at_x"]) & set(moved["predicted/hub_00_at_x"]) & set(predicted))
     apart = [moved["hub_00_at_x"][t] - moved["predicted/hub_00_at_x"][t] for t in both]
