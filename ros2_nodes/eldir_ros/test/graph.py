@@ -209,7 +209,7 @@ class Graph:
             assert self.configure(name), self.said(name)
             assert self.activate(name), self.said(name)
         # The sequencer knows it by their heartbeats, as run_schedule does before it sends a goal.
-        wait_until(lambda: all(self._states.get(name) == "active" for name in self._names))
+        wait_until(lambda: all(self._states.get(name) == "active" for name in self._names), 2 * PATIENCE)
 
     def call(self, service: str) -> Any:
         client = self._client(Trigger, service)

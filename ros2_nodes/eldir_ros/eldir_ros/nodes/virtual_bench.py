@@ -21,6 +21,7 @@ from rclpy.node import Node
 from eldir.built.ground import lay_on_table
 from eldir.design import Design
 from eldir.errors import EldirError
+from eldir_hardware.realtime import EMULATED_HARDWARE, request_realtime_priority
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.sections import VirtualCameraEntry
 from eldir_hardware.safety.latch import unlatch
@@ -50,6 +51,8 @@ class VirtualBenchNode(Node):
         with ExitStack() as opening:
             rate = self._power_on(opening)
             self._opened = opening.pop_all()
+        # Later threads too: one that has Python's lock and no processor would hold up the emulated board.
+        request_realtime_priority(EMULATED_HARDWARE)
         self._rig.start = self._rig.clock.now()
         self._rig.watch(rate, self._publish)
         self.create_timer(0.05, self._write_edges, clock=Clock(clock_type=ClockType.STEADY_TIME))

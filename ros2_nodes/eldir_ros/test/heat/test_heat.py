@@ -58,6 +58,7 @@ def test_programs_that_heat_come_before_others_where_that_is_permitted(graph):
     with ThreadPoolExecutor(1) as thread:
         thread.submit(request_realtime_priority, COMMANDS).result()
         permitted = thread.submit(os.sched_getscheduler, 0).result()
+    assert os.sched_getscheduler(graph.processes["virtual_bench"].pid) == permitted
     for name in HEATING:
         process = graph.processes[name].pid
         others = [
