@@ -133,7 +133,8 @@ class HiddenRig:
             text = text.replace(
                 f"current_limit_a: {CURRENT_LIMIT_A:g}", f"current_limit_a: {self.current_a:g}"
             )
-            text = text.replace(_ASSUMED, _MEASURED if self.measured else _ASSUMED)
+        if self.measured and self.current_a != CURRENT_LIMIT_A:
+            text = text.replace(_ASSUMED, _MEASURED)
         write_text(self.folder / "rig.yaml", text)
         return self.folder / "rig.yaml"
 

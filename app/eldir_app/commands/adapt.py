@@ -170,7 +170,7 @@ def _describe(number: int, run: AdaptationRun) -> str:
     if run.misfit is not None and run.misfit > 1.0:
         line += "; in the films before, the robot moved as no simulated one does"
     if run.impossible_motion is not None:
-        line += f"; no printed robot walks so: {run.impossible_motion}"
+        line += f"; a printed robot cannot walk like this: {run.impossible_motion}"
     return line
 
 

@@ -62,8 +62,7 @@ class AdaptationRun(Record):
     """Cycles that the film shows: fewer than the schedule's where the markers were lost; missing in older
     files."""
     impossible_motion: Annotated[str | None, OMITTED] = None
-    """What the robot of a virtual rig did that a printed one cannot do, so that the walk is none of a printed
-    robot; missing where nothing was seen."""
+    """What the robot of a virtual rig did that a printed one cannot do; missing where nothing was seen."""
 
 
 @record
@@ -81,8 +80,8 @@ class Fault(Record):
     remedy: str
     """What to change."""
     lower_current_a: Annotated[Annotated[float, Field(gt=0)] | None, OMITTED] = None
-    """Of springs that get too hot: current limit with which the believed ones keep the limit in the same
-    schedule [A]; missing where none does, and in older files."""
+    """For the kind "hot": the highest current limit of the supply with which the springs keep the rig file's
+    limit in the same schedule [A]; missing where there is none, and in older files."""
 
 
 @record

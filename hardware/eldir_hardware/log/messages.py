@@ -45,7 +45,7 @@ CURRENTS = "/currents"
 VOLTAGES = "/voltages"
 STATUS = "/diagnostics"
 VIRTUAL_RIG, MOVED_BY = "virtual rig", "moved by "
-"""Name of the statuses of a virtual rig, and how the one that names its physics begins; the others say what a
+"""Name of a virtual rig's statuses. One names the physics, and begins with `MOVED_BY`; the others say what a
 printed robot cannot do."""
 CLOSED, CURRENT, VOLTAGE = "closed", "current", "voltage"
 """Interfaces in the messages of `RELAYS` (1 is closed), `CURRENTS` [A] and `VOLTAGES` [V]."""

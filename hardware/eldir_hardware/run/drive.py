@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -181,7 +181,7 @@ def drive_rig(
                 writer.on_status(latest.t, "player", describe(error), good=False)
                 raise
             writer.on_status(latest.t, "player", result.ended)
-    return result
+        return replace(result, impossible_motion=opened.get_remark())
 
 
 def find_design(rig: Rig, rig_path: Path, design_path: Path | None) -> Path | None:

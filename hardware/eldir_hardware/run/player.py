@@ -53,6 +53,8 @@ class RunResult:
     """Duration of the run [s]."""
     ended: str = "played to the end"
     """How it ended, in words."""
+    impossible_motion: str = ""
+    """What the robot of a virtual rig did that a printed one cannot do; empty where nothing was seen."""
 
 
 class _PausedError(Exception):

@@ -10,9 +10,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from eldir.errors import EldirError
 from eldir.lattice import Lattice
+from eldir_app.application import application
 from eldir_calibration.comparison.recorded_run import open_run
 from eldir_hardware.log.reader import read_log
 from eldir_hardware.planning.compiler import compile_schedule
@@ -97,8 +99,19 @@ def test_a_run_is_filmed_and_its_log_says_which_physics_moved_the_robot(
     assert any("moved by MuJoCo" in message for _, part, message in log.statuses if part == "virtual rig")
     run = open_run(folder / "log.mcap", DESIGN)
     assert run.physics_note.startswith(", moved by MuJoCo 4.")
-    drive(folder, "rig", "again.mcap")
+
+
+def test_the_command_writes_the_same_bytes_and_warns_of_what_a_printed_robot_cannot_do(
+    folder: Path, seen: list[np.ndarray]
+) -> None:
+    rig = folder / "rig.yaml"
+    short(Rig.load(rig)).save(folder / "schedule.json")
+    command = ["rig", "drive", str(folder / "schedule.json"), "--rig", str(rig), "--log"]
+    result = CliRunner().invoke(application(), [*command, str(folder / "again.mcap")])
     assert (folder / "log.mcap").read_bytes() == (folder / "again.mcap").read_bytes(), "same seed, same bytes"
+    told = open_run(folder / "again.mcap", DESIGN).impossible_motion
+    assert told.startswith("the coil of spring 0-3 would buckle on a printed robot, first 6.")
+    assert f"warning: a printed robot cannot walk like this: {told}\n" in result.stderr
 
 
 def test_a_motion_that_no_real_robot_could_make_is_told(

@@ -86,6 +86,8 @@ def drive(
         f"wrote {log}: {kind}{played.duration_s:.0f} s, highest modelled temperature {played.peak_c:.1f} C, "
         f"latest switching {1e3 * played.max_delay_s:.0f} ms late"
     )
+    if played.impossible_motion:
+        typer.echo(f"warning: a printed robot cannot walk like this: {played.impossible_motion}", err=True)
 
 
 def print_notes(schedule: ActuationSchedule, rig: Rig, rig_file: Path, design: Path | None) -> None:

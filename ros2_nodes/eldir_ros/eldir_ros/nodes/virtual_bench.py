@@ -51,7 +51,8 @@ class VirtualBenchNode(Node):
         with ExitStack() as opening:
             rate = self._power_on(opening)
             self._opened = opening.pop_all()
-        # Later threads too: one that has Python's lock and no processor would hold up the emulated board.
+        # Threads that are started later get it too: the emulated board waits for Python's lock, and a thread
+        # that holds it must not wait for a processor. The robot's process was started before, and has none.
         request_realtime_priority(EMULATED_HARDWARE)
         self._rig.start = self._rig.clock.now()
         self._rig.watch(rate, self._publish)

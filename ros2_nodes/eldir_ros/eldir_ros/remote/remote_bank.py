@@ -98,8 +98,8 @@ class RemoteBank(HeaterBank):
     def arm(self) -> None:
         """Require that the board node is armed, by its reports, and that no required node is missing.
 
-        Late messages are awaited for a moment, such as the first report of a board node that was just
-        activated behind the last one of before. Activating the board node arms it."""
+        Waits up to `_ARM_TIMEOUT` for that: the first report to arrive may be from before the board node was
+        activated. Activating the board node arms it."""
         deadline = time.monotonic() + _ARM_TIMEOUT
         while not self._is_armed() or self._missing():  # nothing heats yet
             self._take_reports(0.1, lambda report: None)

@@ -181,6 +181,7 @@ def test_all_nodes_in_one_process(tmp_path):
         graph.start("rig_process", *names, autostart=True)
         wait_until(lambda: all(graph.state(n) == "active" for n in names), 60)
         result = graph.result(graph.send(MIDDLE))
+        assert result.all_off and result.outcome in (runs.FINISHED, runs.STOPPED), result.message
         require_unless_busy(result.outcome == runs.FINISHED, result.message)
         wait_until(lambda: "wrote" in graph.said("rig_process"), 10)
         for _ in range(5):  # while pictures are rendered
