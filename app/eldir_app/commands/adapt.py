@@ -111,7 +111,7 @@ def adapt(
     best = found.runs[found.best - 1]
     for advice in found.advice:
         typer.echo(_describe_advice(advice, rig, best.filmed))
-    typer.echo(f"wrote {out / 'schedule.json'}: that of run {found.best}, filmed {best.filmed:+.2f}")
+    typer.echo(f"wrote {out / 'schedule.json'}: that of {_describe_best(found.best, best)}")
 
 
 def _require_own_folder(out: Path) -> None:
@@ -170,8 +170,14 @@ def _describe(number: int, run: AdaptationRun) -> str:
     if run.misfit is not None and run.misfit > 1.0:
         line += "; in the films before, the robot moved as no simulated one does"
     if run.impossible_motion is not None:
-        line += f"; a printed robot cannot walk like this: {run.impossible_motion}"
+        line += f"; not possible in reality: {run.impossible_motion}"
     return line
+
+
+def _describe_best(number: int, run: AdaptationRun) -> str:
+    """The run whose schedule is kept."""
+    doubt = "" if run.impossible_motion is None else ", which is not possible in reality"
+    return f"run {number}, filmed {run.filmed:+.2f}{doubt}"
 
 
 def _describe_heat(found: Adaptation, rig: Rig) -> str:

@@ -153,6 +153,11 @@ def _remarks(
         for run, one in zip(runs, tracked, strict=True)
         if one.motion.cycles < run.schedule.cycles
     ]
+    remarks += [
+        f"{run.log.path.name} is not possible in reality: {run.impossible_motion}."
+        for run in runs
+        if run.impossible_motion
+    ]
     if main.design.printed_terrain is not None:
         remarks.append(_ON_GROUND.format(ON_GROUND if has_ground else NOT_DRAWN))
     if "remark" in film.plane.provenance:

@@ -182,7 +182,7 @@ def test_the_page_shows_each_run_and_what_is_believed(bench: Bench) -> None:
         assert f"{round(run.filmed, 2) + 0.0:+.2f}" in row
     assert f"Ended: {found.ended}." in page
     assert [run.impossible_motion for run in found.runs] == [None, IMPOSSIBLE]
-    assert f"Run 2: a printed robot cannot walk like this: {IMPOSSIBLE}." in page
+    assert f"Run 2: not possible in reality: {IMPOSSIBLE}." in page
     belief = PrintedScene.load(out / "belief.json")
     nominal = nominal_robot(bench.rig)
     rows_by_name = {row.name: row for row in quantity_rows(nominal, None, belief)}

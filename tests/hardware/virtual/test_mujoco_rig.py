@@ -12,9 +12,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from eldir.core.worker_process import WorkerProcess
 from eldir.errors import EldirError
 from eldir.lattice import Lattice
 from eldir_app.application import application
+from eldir_calibration.comparison.motions import prepare_report
 from eldir_calibration.comparison.recorded_run import open_run
 from eldir_hardware.log.reader import read_log
 from eldir_hardware.planning.compiler import compile_schedule
@@ -111,7 +113,10 @@ def test_the_command_writes_the_same_bytes_and_warns_of_what_a_printed_robot_can
     assert (folder / "log.mcap").read_bytes() == (folder / "again.mcap").read_bytes(), "same seed, same bytes"
     told = open_run(folder / "again.mcap", DESIGN).impossible_motion
     assert told.startswith("the coil of spring 0-3 would buckle on a printed robot, first 6.")
-    assert f"warning: a printed robot cannot walk like this: {told}\n" in result.stderr
+    assert f"warning: not possible in reality: {told}\n" in result.stderr
+    with WorkerProcess("eldir_calibration.comparison.predictions") as worker:
+        content = prepare_report(folder / "again.mcap", DESIGN, worker, samples=2)
+    assert f"again.mcap is not possible in reality: {told}." in content.remarks
 
 
 def test_a_motion_that_no_real_robot_could_make_is_told(

@@ -87,7 +87,7 @@ def drive(
         f"latest switching {1e3 * played.max_delay_s:.0f} ms late"
     )
     if played.impossible_motion:
-        typer.echo(f"warning: a printed robot cannot walk like this: {played.impossible_motion}", err=True)
+        typer.echo(f"warning: not possible in reality: {played.impossible_motion}", err=True)
 
 
 def print_notes(schedule: ActuationSchedule, rig: Rig, rig_file: Path, design: Path | None) -> None:
