@@ -154,7 +154,7 @@ def _remarks(
         if one.motion.cycles < run.schedule.cycles
     ]
     remarks += [
-        f"{run.log.path.name} is not possible in reality: {run.impossible_motion}."
+        f"The walk in {run.log.path.name} is not possible in reality: {run.impossible_motion}."
         for run in runs
         if run.impossible_motion
     ]

@@ -116,7 +116,7 @@ def test_the_command_writes_the_same_bytes_and_warns_of_what_a_printed_robot_can
     assert f"warning: not possible in reality: {told}\n" in result.stderr
     with WorkerProcess("eldir_calibration.comparison.predictions") as worker:
         content = prepare_report(folder / "again.mcap", DESIGN, worker, samples=2)
-    assert f"again.mcap is not possible in reality: {told}." in content.remarks
+    assert f"The walk in again.mcap is not possible in reality: {told}." in content.remarks
 
 
 def test_a_motion_that_no_real_robot_could_make_is_told(
