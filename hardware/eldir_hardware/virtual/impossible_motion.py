@@ -9,7 +9,7 @@ import numpy as np
 
 from eldir.core.records import FloatArray
 from eldir.morphology import Morphology
-from eldir_cad.checks.contacts import point_distance
+from eldir_cad.checks.distances import point_distance
 from eldir_cad.kit.specification import Specification, load_specification
 
 
