@@ -106,7 +106,9 @@ def lean_in_mujoco(case: Case) -> float:
     )
     discs: list[FloatArray] = []
     try:
-        follow_table(motion, heat_faces(case.gait, case.springs, 1), lambda: discs.append(motion.discs))
+        follow_table(
+            motion, heat_faces(case.gait, case.springs, 1), SPRINGS, lambda: discs.append(motion.discs)
+        )
     except EldirError:
         return 90.0
     seen = np.array(discs)

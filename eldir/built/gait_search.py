@@ -325,7 +325,7 @@ def _retime(gait: Gait, limits: HeatingLimits, springs: SpringParameters) -> lis
 
 def nominal_robots(design: Design, limits: HeatingLimits) -> RobotDistribution:
     """Nominal robots of a design without films, with hubs, on the rig's supply."""
-    robot = RobotParameters(BuiltParameters().with_hubs(), limits.springs)
+    robot = RobotParameters.nominal(limits.springs, BuiltParameters().with_hubs())
     return NominalRobots(
         design.morphology, robot, design.ballast / 2, design.printed_terrain, limits.tolerances
     )

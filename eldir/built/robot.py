@@ -6,7 +6,7 @@ A robot stands if its centre of mass lies over its feet and no mechanism lets it
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from eldir.core.records import BoolArray, FloatArray, IntArray, Record
 from eldir.morphology import Morphology
 from eldir.parameters.printed import BuiltParameters, Joints
 from eldir.parameters.robot import RobotParameters
+from eldir.parameters.springs import SpringParameters
 
 SOFT_TENSION = 20e3
 """Stiffness in tension of the strips of a coarse robot [N/m]."""
@@ -47,6 +48,8 @@ class PrintedRobot(Record):
     feet: FloatArray
     """Friction of each mass as a multiple of `parameters.friction`, shape (M,)."""
     parameters: BuiltParameters
+    coil: SpringParameters = field(default_factory=SpringParameters)
+    """The springs of the motors, whose size decides when they buckle."""
 
     @property
     def body_length(self) -> float:
@@ -190,6 +193,7 @@ def build(
         damping=damping,
         feet=feet if len(feet) else np.ones(len(x)),
         parameters=p,
+        coil=robot.springs,
     )
 
 

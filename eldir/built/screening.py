@@ -20,6 +20,7 @@ from eldir.built.walking import displacements
 from eldir.core.records import FloatArray, Record
 from eldir.morphology import Morphology
 from eldir.parameters.printed import BuiltParameters
+from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
 from eldir.terrain import Terrain
 
@@ -80,7 +81,7 @@ def screen(
     free = (spring.cold_length, spring.hot_length)
     found: list[ScreeningResult] = []
     for i, body in enumerate(morphologies):
-        robot = build(body, p)
+        robot = build(body, RobotParameters(p, spring))
         margin, loose = static_margin(robot), count_mechanisms(robot.positions, robot.springs)
         why = find_shape_fault(robot)
         if margin < MARGIN:
@@ -100,7 +101,7 @@ def screen(
             together = chosen[first : first + _AT_ONCE]
             tables = [heated(morphologies[i].motors, hubs_of[i], cycles) for i in together]
             pairs = [(i, *pair) for i, own in zip(together, tables, strict=True) for pair in own]
-            robots = {i: build(morphologies[i], parameters) for i in together}
+            robots = {i: build(morphologies[i], RobotParameters(parameters, spring)) for i in together}
             walks = displacements(
                 [robots[i] for i, _, _ in pairs], [t for _, _, t in pairs], cycles, free, terrain=terrain
             )

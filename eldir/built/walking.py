@@ -95,6 +95,7 @@ def walk(
     hubs = [robot.springs[robot.active] for robot in every]
     tables = free_lengths_batch(heated, cycles, hubs=hubs)
     free = spring.cold_length, spring.hot_length
+    every = [replace(robot, coil=spring) for robot in every]
     walks = displacements(every, tables, cycles, free, terrain=terrain)
     return float(walks[0]) if alone else walks
 
@@ -200,7 +201,7 @@ def coil_load(robot: PrintedRobot, motion: PrintedMotion, lengths: FloatArray) -
             c, s = np.moveaxis(motion.rotations[:, hubs], 2, 0)
             between = between - robot.parameters.socket * np.stack([c * x - s * y, s * x + c * y], axis=2)
     present = np.linalg.norm(between, axis=2) + 2 * robot.parameters.socket
-    return (free - present) / SpringParameters().buckling_shortening(free)
+    return (free - present) / robot.coil.buckling_shortening(free)
 
 
 def rotation(rest: FloatArray, positions: FloatArray) -> FloatArray:

@@ -62,6 +62,24 @@ class RobotParameters(Record):
         self._set_array("motor_z", np.float64, (len(self.motor_names), None))
         require_known("parameters", self.motor_names, PARAMETERS)
 
+    @classmethod
+    def nominal(cls, springs: SpringParameters, printed: BuiltParameters | None = None) -> RobotParameters:
+        """The robot as designed, but with these springs: wire, coil and turns give the stiffness and the mass
+        of its motors. `printed`: the robot with the kit's springs; by default with pins."""
+        kit, own = SpringParameters(), printed or BuiltParameters()
+
+        def scaled(stiffness: float, martensite: float) -> float:
+            # Rounded: sizes that a rig file gives in millimetres are off by a last digit.
+            return round(springs.stiffness(martensite) / kit.stiffness(martensite), 12) * stiffness
+
+        with_springs = replace(
+            own,
+            cold_stiffness=scaled(own.cold_stiffness, 1.0),
+            hot_stiffness=scaled(own.hot_stiffness, 0.0),
+            active_spring=own.active_spring + round(springs.mass - kit.mass, 12),
+        )
+        return cls(with_springs, springs)
+
     @property
     def uniform(self) -> RobotParameters:
         """The same robot with all strips as in the drawing, equal friction of all feet, and equal springs in

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
@@ -125,9 +125,9 @@ def rank(
     different = _unique_bodies(designs)
     reasons: Counter[str] = Counter()
     buildable = _filter_buildable(different, spec, printer, reasons, show)
-    nominal = RobotParameters(built_parameters(spec, printer), springs or spring_parameters(spec))
+    nominal = RobotParameters.nominal(springs or spring_parameters(spec), built_parameters(spec, printer))
     robot = nominal if scene is None else scene.robot.uniform
-    with_hubs = replace(nominal, printed=hub_parameters(spec, printer))
+    with_hubs = RobotParameters.nominal(nominal.springs, hub_parameters(spec, printer))
     standing = _screen([d for d, _ in buildable], robot, _SAMPLED_PER_PLACE * top, reasons, show)
     candidates = []
     for i, (s, gait) in enumerate(standing):

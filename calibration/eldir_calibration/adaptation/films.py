@@ -54,7 +54,7 @@ def filmed_walks(films: Sequence[RobotFilms]) -> list[FilmedWalk]:
 def nominal_robot(rig: Rig) -> RobotParameters:
     """The robot as designed, of which the parameters of a belief are deviations: with hubs, on the present
     supply."""
-    return RobotParameters(BuiltParameters().with_hubs(), rig.spring_parameters())
+    return RobotParameters.nominal(rig.spring_parameters(), BuiltParameters().with_hubs())
 
 
 def read_run(
@@ -145,8 +145,8 @@ def believe_films(
         fall = find_any_fall(rest, recording)
         if fall is None or fall > recording.start:
             recordings.append(recording if fall is None else recording.truncate(fall))
-            filmed.append(RobotParameters(hubs, _in_room(film.nominal.springs, film)))
-    nominal = RobotParameters(hubs, _in_room(rig.spring_parameters(), films[-1]))
+            filmed.append(RobotParameters.nominal(_in_room(film.nominal.springs, film), hubs))
+    nominal = RobotParameters.nominal(_in_room(rig.spring_parameters(), films[-1]), hubs)
     read, measured = films[-1].readings, NOT_MEASURED
     if read is not None and recordings and fall is None:
         measured = Measurements(None, read.current_a, read.voltage_v, read.error)

@@ -95,8 +95,8 @@ def read_films(
     return RobotFilms(
         FilmedBody(robot.morphology, robot.marks, robot.ballast / 2),
         recordings,
-        RobotParameters(springs=springs),
-        tuple(RobotParameters(joints, springs) for joints in OTHER_JOINTS),
+        RobotParameters.nominal(springs),
+        tuple(RobotParameters.nominal(springs, joints) for joints in OTHER_JOINTS),
         robot,
         [
             s

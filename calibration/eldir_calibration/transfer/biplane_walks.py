@@ -51,7 +51,8 @@ def walk_sampled_biplane(
 ) -> BiplaneWalk:
     """Walk of the robot that a seed gives, with strips, feet and springs of each face. Arguments as of
     `walk_sampled_robot`; springs, and what all of them have in common, are those that it has the means of."""
-    sample = sample_biplane(design.morphology, seed, design.ballast, terrain=design.printed_terrain)
+    ground = design.printed_terrain
+    sample = sample_biplane(design.morphology, seed, design.ballast, terrain=ground, springs=springs)
     model = replace(sample, plane=replace(sample.plane, numerics=FINE_NUMERICS))
     own = sample_face_springs(len(gait.phase), seed, tolerances.perturb_by_seed(springs, seed))
     table = heat_faces(gait, own, cycles, design.morphology.motor_hubs)
@@ -71,7 +72,7 @@ def measure_biplane_walk(
     motion = BiplaneMotion(model, (springs.cold_length, springs.hot_length))
     seen: list[FloatArray] = []
     try:
-        loads = follow_table(motion, table, lambda: seen.append(motion.discs), cancelled)
+        loads = follow_table(motion, table, springs, lambda: seen.append(motion.discs), cancelled)
     except EldirError:
         return BiplaneWalk(-np.inf, "fails")
     discs = np.array(seen)

@@ -196,7 +196,7 @@ def compare_walks(
         body = one.design.morphology
         progress(f"predicting {one.file}", 0)
         gaits = [one.gait, *shift_phases(one.gait, settings.phases)]
-        robot = RobotParameters(BuiltParameters().with_hubs(), settings.springs)
+        robot = RobotParameters.nominal(settings.springs, BuiltParameters().with_hubs())
         robots = NominalRobots(
             body, robot, one.design.ballast / 2, one.design.printed_terrain, settings.tolerances
         )

@@ -61,7 +61,8 @@ def walk_sampled_robot(
     Robot, feet, slope of the table, all springs together and each by itself deviate by the seed from the
     nominal `springs`. `cycles` are counted, after one that is not. Once `cancelled` is set it gives up.
     """
-    sample = sample_multibody(design.morphology, seed, design.ballast, terrain=design.printed_terrain)
+    ground = design.printed_terrain
+    sample = sample_multibody(design.morphology, seed, design.ballast, terrain=ground, springs=springs)
     model = replace(sample, numerics=FINE_NUMERICS)
     on_rig = tolerances.perturb_by_seed(springs, seed)
     heating = sample_heating(gait, seed, on_rig, cycles, design.morphology.motor_hubs)
@@ -114,7 +115,7 @@ def measure_walk(
     motion = MujocoMotion(model, free)
     positions: list[FloatArray] = []
     try:
-        loads = follow_table(motion, table, lambda: positions.append(motion.positions), cancelled)
+        loads = follow_table(motion, table, springs, lambda: positions.append(motion.positions), cancelled)
     except EldirError:
         return MujocoWalk(-np.inf, "fails")
     return evaluate_walk(morphology, np.array(positions), loads, table, cycles)
@@ -123,11 +124,12 @@ def measure_walk(
 def follow_table(
     motion: CoilDrivenMotion,
     table: FreeLengths,
+    springs: SpringParameters,
     on_second: Callable[[], None],
     cancelled: Event | None = None,
 ) -> FloatArray:
     """Drive a robot by free lengths of its coils. Returns the shortening of each coil over the one at which
-    it buckles, after each second: shape (T, A).
+    it buckles, after each second: shape (T, A). `springs`: the size of the coils.
 
     `on_second` is called at the beginning and after each second. Raises `EldirError` where the simulation
     fails, and once `cancelled` is set.
@@ -139,7 +141,7 @@ def follow_table(
             raise EldirError("the simulation was cancelled")
         motion.follow(table.lengths[row : row + SAMPLE_ROWS + 1], table.interval)
         on_second()
-        loads.append(motion.coil_loads(table.lengths[row + SAMPLE_ROWS]))
+        loads.append(motion.coil_loads(table.lengths[row + SAMPLE_ROWS], springs))
     return np.array(loads)
 
 

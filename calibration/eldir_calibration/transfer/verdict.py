@@ -13,7 +13,6 @@ from eldir.built.gait import free_lengths
 from eldir.built.robot import build
 from eldir.built.walking import displacements
 from eldir.core.records import Record, Rounded, record
-from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
 from eldir_cad.multibody.model import SIMPLIFICATIONS
 from eldir_calibration.transfer.compared_walks import ComparedWalk, TransferConfig, WalkingDesign
@@ -235,7 +234,8 @@ def explain_walk(
 ) -> ExplainedWalk:
     """Simulate the walk of a design's nominal robot in the engine, in MuJoCo, and in MuJoCo without each
     law."""
-    body, nominal, ground = one.design.morphology, BuiltParameters(), one.design.printed_terrain
+    body, ground = one.design.morphology, one.design.printed_terrain
+    nominal = RobotParameters.nominal(settings.springs).printed
     sample = sample_multibody(body, seed, one.design.ballast, nominal, ground)
     model = replace(sample, numerics=FINE_NUMERICS)
     springs, cycles = settings.springs, settings.cycles

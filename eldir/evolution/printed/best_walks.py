@@ -14,6 +14,7 @@ from eldir.evolution import tables
 from eldir.evolution.best_walks import BestWalk, choose_generations
 from eldir.evolution.printed.genome import PrintedGenome
 from eldir.evolution.printed.run_folder import PrintedRun
+from eldir.parameters.robot import RobotParameters
 
 _KEPT_S = 1.0  # between two positions [s]
 
@@ -33,7 +34,8 @@ def printed_walks(run: PrintedRun, whole: int) -> list[BestWalk]:
     config = run.config
     bodies = [genome.body(config.lattice) for genome in genomes]
     gaits = [genome.gait(body, config.timings) for genome, body in zip(genomes, bodies, strict=True)]
-    robots = [build(body, config.printed.with_hubs()).coarse() for body in bodies]
+    nominal = RobotParameters(config.printed.with_hubs(), config.springs)
+    robots = [build(body, nominal).coarse() for body in bodies]
     heated = [(gait, [config.springs] * body.motors) for gait, body in zip(gaits, bodies, strict=True)]
     heating = free_lengths_batch(heated, hubs=[body.motor_hubs for body in bodies])
     free = config.springs.cold_length, config.springs.hot_length

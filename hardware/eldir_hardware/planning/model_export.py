@@ -11,8 +11,10 @@ from eldir.core.arguments import require_value
 from eldir.core.files import new_folder, require_new, write_bytes, write_text
 from eldir.core.records import FloatArray
 from eldir.design import Design
+from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
 from eldir.parameters.wiring import FACES, Connection
+from eldir_cad.checks.strip_law import built_parameters
 from eldir_cad.geometry.assembly import assemble
 from eldir_cad.kit.printer import Printer
 from eldir_cad.kit.specification import Specification
@@ -49,8 +51,10 @@ def export_robot(
     table, runner = stem.with_name(f"{stem.name}-schedule.csv"), stem.with_name(f"{stem.name}-run.py")
     require_new(out, folder, *((table, runner) if schedule else ()))
     build = build_multibody if dimensions == 2 else build_biplane
-    model = build(body, spec, printer, ballast=design.ballast, terrain=design.printed_terrain)
-    rows = None if schedule is None else _table(model, schedule, springs or SpringParameters())
+    springs = springs or SpringParameters()
+    robot = RobotParameters.nominal(springs, built_parameters(spec, printer)).printed
+    model = build(body, spec, printer, robot, ballast=design.ballast, terrain=design.printed_terrain)
+    rows = None if schedule is None else _table(model, schedule, springs)
     shapes = hub_shapes(assemble(body, spec))
     with new_folder(folder) as draft:
         for hub, data in shapes.items():

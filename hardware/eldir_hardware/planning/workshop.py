@@ -13,6 +13,7 @@ from eldir.errors import InputError
 from eldir.evolution.printed.configuration import BuildConditions
 from eldir.evolution.printed.genome import Timing
 from eldir.morphology import Morphology
+from eldir.parameters.robot import RobotParameters
 from eldir_cad.checks.buildability import check
 from eldir_cad.checks.strip_law import built_parameters, spring_parameters
 from eldir_cad.kit import PRINTER
@@ -41,8 +42,9 @@ def make_workshop(rig: Path | None = None) -> BuildConditions:
         springs = replace(springs, current_limit=CURRENT_LIMIT_A)
         return BuildConditions(printed, springs, defaults.PRINTED_MOTORS, default_timings, rejection_reason)
     loaded = Rig.load(rig)
+    robot = RobotParameters.nominal(loaded.spring_parameters(), printed)
     return BuildConditions(
-        printed, loaded.spring_parameters(), loaded.motors, allowed_timings(loaded), rejection_reason
+        robot.printed, robot.springs, loaded.motors, allowed_timings(loaded), rejection_reason
     )
 
 

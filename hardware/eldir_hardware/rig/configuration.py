@@ -290,7 +290,7 @@ class Rig(Section):
         has them."""
         pinned = self.kind == "virtual" and self.virtual.physics == "eldir"
         printed = BuiltParameters() if pinned else BuiltParameters().with_hubs()
-        return RobotParameters(printed, self.spring_parameters())
+        return RobotParameters.nominal(self.spring_parameters(), printed)
 
     @property
     def source(self) -> bytes:

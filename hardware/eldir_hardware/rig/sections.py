@@ -110,7 +110,8 @@ class SpringEntry(Section):
     ambient_c: Annotated[float, Field(gt=-20, lt=45)] = 22.0
     """Expected air temperature [C]; its range is in `tolerances`."""
     wire_diameter_mm: Annotated[float, Field(ge=0.1, le=3)] = 0.75
-    """Diameter of the wire [mm]."""
+    """Diameter of the wire [mm]. With the next two it gives the motors' resistance, heat, mass, stiffness and
+    buckling load."""
     coil_diameter_mm: Annotated[float, Field(ge=1, le=50)] = 6.5
     """Mean diameter of the coil [mm]; 3 to 20 times the diameter of the wire."""
     turns: Annotated[float, Field(ge=2, le=300)] = 26.7

@@ -7,7 +7,7 @@ import numpy as np
 from eldir.core.records import FloatArray
 from eldir.morphology import Morphology
 from eldir.parameters.printed import BuiltParameters
-from eldir.parameters.robot import sample_feet
+from eldir.parameters.robot import RobotParameters, sample_feet
 from eldir.parameters.springs import SpringParameters
 from eldir.parameters.wiring import FACES
 from eldir.terrain import Terrain
@@ -35,9 +35,10 @@ class BiplaneBody:
         terrain: Terrain | None = None,
     ):
         """As `MujocoBody`; the robot of `sample_biplane`."""
-        self._model = sample_biplane(morphology, seed, ballast, built, terrain)
+        self._model = sample_biplane(morphology, seed, ballast, built, terrain, springs)
         self.motion = BiplaneMotion(self._model, (springs.cold_length, springs.hot_length))
         self._lengths = np.full((1, len(FACES) * morphology.motors), springs.cold_length)
+        self._springs = springs
         self._impossible, self._time = ImpossibleMotion(morphology), 0.0
         self.springs = morphology.springs
 
@@ -63,7 +64,7 @@ class BiplaneBody:
         self._lengths = table[-1:]
         self._time += len(lengths) * interval
         faces = dict(zip(FACES, self.motion.discs.swapaxes(0, 1), strict=True))
-        self._impossible.look(self._time, faces, self.motion.coil_loads(table[-1]))
+        self._impossible.look(self._time, faces, self.motion.coil_loads(table[-1], self._springs))
 
     @property
     def remark(self) -> str:
@@ -124,12 +125,14 @@ def sample_biplane(
     ballast: FloatArray | None = None,
     built: BuiltParameters | None = None,
     terrain: Terrain | None = None,
+    springs: SpringParameters | None = None,
 ) -> Biplane:
     """The robot that a seed gives: the front face, the table's slope ahead and the common parameters are
-    those of `sample_multibody`; strips and feet of the back face and the slope sideways are samples of their
-    own."""
+    those of `sample_multibody`, with the same arguments; strips and feet of the back face and the slope
+    sideways are samples of their own."""
     rng = np.random.default_rng([seed, 2])
-    own = BuiltParameters().perturb(rng) if built is None else built
+    nominal = RobotParameters.nominal(springs or SpringParameters()).printed
+    own = nominal.perturb(rng) if built is None else built
     front = rng.standard_normal(len(morphology.springs))
     further, behind = np.random.default_rng([seed, 6]), np.random.default_rng([seed, 8])
     masses = len(morphology.positions)

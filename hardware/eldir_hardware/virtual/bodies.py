@@ -77,7 +77,7 @@ def physics_version(physics: Physics) -> str:
 
 def far_robot(rig: Rig) -> RobotParameters:
     """The robot of a virtual rig with `parameter_spread: large`."""
-    nominal, known = RobotParameters(springs=rig.spring_parameters()), rig.tolerances.measured_fields
+    nominal, known = RobotParameters.nominal(rig.spring_parameters()), rig.tolerances.measured_fields
     return sample_large_spread(nominal, rig.virtual.seed, measured=known)
 
 
@@ -126,8 +126,8 @@ class EngineBody:
         from eldir.built.robot import build  # the engine takes seconds to import
 
         rng = np.random.default_rng([seed, 2])
-        own = BuiltParameters().perturb(rng) if built is None else built
-        self._robot = build(morphology, own, ballast=ballast, rng=rng)
+        own = RobotParameters.nominal(springs).printed.perturb(rng) if built is None else built
+        self._robot = build(morphology, RobotParameters(own, springs), ballast=ballast, rng=rng)
         self._free = (springs.cold_length, springs.hot_length)
         self._lengths = np.full((1, morphology.motors), springs.cold_length)
         self._terrain, self._state = terrain, place(self._robot, terrain)

@@ -16,7 +16,7 @@ from eldir.core.records import FloatArray
 from eldir.errors import MissingDependencyError, divergence_error
 from eldir.morphology import Morphology
 from eldir.parameters.printed import BuiltParameters
-from eldir.parameters.robot import sample_feet
+from eldir.parameters.robot import RobotParameters, sample_feet
 from eldir.parameters.springs import SpringParameters
 from eldir.terrain import Terrain
 from eldir_cad.kit import PRINTER
@@ -54,9 +54,9 @@ class MujocoBody:
         foot's friction and the table's slope are samples too. Raises `MissingDependencyError` without
         MuJoCo.
         """
-        model = sample_multibody(morphology, seed, ballast, built, terrain)
+        model = sample_multibody(morphology, seed, ballast, built, terrain, springs)
         self.motion = MujocoMotion(model, (springs.cold_length, springs.hot_length))
-        self._lengths = np.full((1, morphology.motors), springs.cold_length)
+        self._lengths, self._springs = np.full((1, morphology.motors), springs.cold_length), springs
         self._impossible, self._time = ImpossibleMotion(morphology), 0.0
         self.springs = morphology.springs
         self.positions = self.motion.positions
@@ -69,7 +69,8 @@ class MujocoBody:
         self._lengths = table[-1:]
         self.positions = self.motion.positions
         self._time += len(lengths) * interval
-        self._impossible.look(self._time, {"": self.positions}, self.motion.coil_loads(table[-1]))
+        loads = self.motion.coil_loads(table[-1], self._springs)
+        self._impossible.look(self._time, {"": self.positions}, loads)
 
     @property
     def remark(self) -> str:
@@ -95,12 +96,12 @@ class CoilDrivenMotion:
         """Lengths of the coils between their hinges, at the last step [m], shape (A,)."""
         return np.array(self.data.actuator_length)
 
-    def coil_loads(self, lengths: FloatArray) -> FloatArray:
+    def coil_loads(self, lengths: FloatArray, springs: SpringParameters) -> FloatArray:
         """Shortening of each coil between its hinges over the one at which it buckles, shape (A,); negative
-        in tension. `lengths`: their free lengths between centres [m], shape (A,)."""
+        in tension. `lengths`: their free lengths between centres [m], shape (A,); `springs`: their size."""
         wanted, _ = self._robot.coil_commands(lengths[None], self._free)
         shortened: FloatArray = wanted[0] - self.coil_lengths
-        return shortened / SpringParameters().buckling_shortening(lengths)
+        return shortened / springs.buckling_shortening(lengths)
 
     def follow(self, lengths: FloatArray, interval: float) -> None:
         """Move by free lengths [m] at instants 0, `interval`, ... [s], linear between them, shape (K + 1, A).
@@ -169,10 +170,13 @@ def sample_multibody(
     ballast: FloatArray | None = None,
     built: BuiltParameters | None = None,
     terrain: Terrain | None = None,
+    springs: SpringParameters | None = None,
 ) -> Multibody:
-    """The robot that a seed gives, as `MujocoBody` has it; it needs no MuJoCo."""
+    """The robot that a seed gives, as `MujocoBody` has it; it needs no MuJoCo. `springs`: nominal ones, by
+    default the kit's."""
     rng = np.random.default_rng([seed, 2])
-    own = BuiltParameters().perturb(rng) if built is None else built
+    nominal = RobotParameters.nominal(springs or SpringParameters()).printed
+    own = nominal.perturb(rng) if built is None else built
     strips = own.geometry * rng.standard_normal(len(morphology.springs))
     further = np.random.default_rng([seed, 6])
     return build_multibody(

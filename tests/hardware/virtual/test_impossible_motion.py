@@ -64,7 +64,7 @@ def test_the_load_of_a_coil_is_its_shortening_over_that_at_which_it_buckles(shor
         (SPRINGS.cold_length, free),
     )
     motion.follow(np.full((2, 1), free), 0.05)
-    (load,) = motion.coil_loads(np.array([free]))
+    (load,) = motion.coil_loads(np.array([free]), SPRINGS)
     assert load == pytest.approx(shortened / SPRINGS.buckling_shortening(np.array(free)), abs=1e-4)
     assert (load > 1) == (shortened > 2.0e-3)
 
