@@ -15,6 +15,7 @@ from eldir.built.robot import build, count_mechanisms, find_held_motors, static_
 from eldir.design import marked_masses
 from eldir.lattice import HALF_SIDE
 from eldir.morphology import Morphology
+from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.springs import SpringParameters
 from eldir_cad.checks.contacts import Lead, find_contacts, find_leads
 from eldir_cad.checks.kinematics import (
@@ -27,7 +28,7 @@ from eldir_cad.checks.kinematics import (
     simulate_stroke,
     socket_turns,
 )
-from eldir_cad.checks.strip_law import StripLaw, built_parameters, spring_parameters
+from eldir_cad.checks.strip_law import StripLaw, built_parameters, hub_parameters, spring_parameters
 from eldir_cad.checks.tipping import (
     CURRENT_SPREAD,
     REQUIRED_MARGIN_DEG,
@@ -50,6 +51,9 @@ from eldir_cad.geometry.plates import Size, count_plates
 from eldir_cad.kit.printer import Printer
 from eldir_cad.kit.specification import Specification
 
+_PREDICTED = "pitch", "tension", "buckling", "bending", "socket", "socket_turn", "corner", "hexagon", "strip"
+"""Parameters of the parts that decide how a robot moves."""
+_AS_THE_KIT = 0.05  # relative difference that the kit's own robots have too
 _MAX_LISTED = 3  # violations of a kind that are listed one by one
 _CheckResult = tuple[list[Violation], dict[str, float]]
 
@@ -89,6 +93,7 @@ def check_with_leads(morphology: Morphology, spec: Specification, printer: Print
             _check_stability(motion, morphology, spec, printer),
             _check_tipping(morphology, spec, printer),
             _check_leads(leads, motion, morphology, spec),
+            _check_predictions(spec, printer),
             _count_parts(morphology, spec, printer),
         ):
             violations += new_violations
@@ -279,6 +284,21 @@ def _check_stability(
         by = spec.safety.foot_stroke - spread
         violations.append(Violation("feet", "note", ("feet",), by, "mm", message, "choose another design"))
     return violations, {"static_margin_mm": margin, "foot_stroke_mm": spread}
+
+
+def _check_predictions(spec: Specification, printer: Printer) -> _CheckResult:
+    """Parts that move otherwise than the kit's, which is all that the commands after the packet know."""
+    kit, own = BuiltParameters().with_hubs(), hub_parameters(spec, printer)
+    values = [(name, getattr(own, name), getattr(kit, name)) for name in _PREDICTED]
+    other = [name for name, value, usual in values if abs(value - usual) > _AS_THE_KIT * usual]
+    if not other:
+        return [], {}
+    message = (
+        f"the parts are not the kit's ({', '.join(other)}): eldir gait, track, report, transfer, adapt and "
+        "virtual rigs compute with the kit's"
+    )
+    remedy = "do not take their predictions for this robot's; eldir shortlist and eldir export take --parts"
+    return [Violation("parts", "note", ("body",), len(other), "parameters", message, remedy)], {}
 
 
 def _check_tipping(morphology: Morphology, spec: Specification, printer: Printer) -> _CheckResult:

@@ -296,6 +296,19 @@ def test_what_is_told_of_a_tower_of_triangles():
     assert severity["mechanism"] == "note"
 
 
+def test_parts_that_later_commands_do_not_know_are_told():
+    def told(**parts):
+        own = SPEC.model_copy(update=parts)
+        return [v for v in check(body(*WHEEL), own, PRINTER).violations if v.kind == "parts"]
+
+    assert not told()
+    assert not told(connector=SPEC.connector.model_copy(update={"gap": 45.0}))  # as `tipping` advises
+    (note,) = told(strip=SPEC.strip.model_copy(update={"thickness": 1.2}))
+    assert note.severity == "note" and "(tension, buckling, bending, strip)" in note.message
+    (note,) = told(pitch=50.0)
+    assert "(pitch, " in note.message
+
+
 def test_a_strip_that_is_bent_too_far_is_named():
     """With a resin so weak that 1 / 2.1 of the found strain breaks it, the same design is unfit."""
     wheel = body(*WHEEL)
