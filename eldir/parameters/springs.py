@@ -27,6 +27,8 @@ from eldir.parameters.annotations import LargeSpread, Prior, Tolerance, VariesWi
 
 _MODULUS_RATIO = 0.376
 """Shear modulus over Young's modulus, 1 / 2 (1 + 0.33)."""
+_FAN_SPEED = 1.42
+"""Speed of the air [m/s] in which the kit's wire has its `convection_fan` (`forced_convection`)."""
 CORRELATION_ERROR = 0.2
 """Relative error of the correlations for still air."""
 EMISSIVITY, MIN_EMISSIVITY = 0.5, 0.2
@@ -294,6 +296,18 @@ def forced_convection(diameter: float, speed: float, surface: float, ambient: fl
     slope = 0.62 * reynolds**0.5 * prandtl ** (1 / 3) / (1 + (0.4 / prandtl) ** (2 / 3)) ** 0.25
     nusselt: float = 0.3 + slope * (1 + (reynolds / 282_000) ** 0.625) ** 0.8
     return nusselt * conductivity / diameter
+
+
+def fan_heat_transfer_coefficient(diameter: float) -> float:
+    """Coefficient [W/(m2 K)] of a wire of this diameter [m] in the stream of air in which the kit's has
+    `SpringParameters.convection_fan`."""
+    kit = SpringParameters()
+    usual, own = (
+        forced_convection(wire, _FAN_SPEED, kit.austenite_finish, kit.ambient)
+        for wire in (kit.wire_diameter, diameter)
+    )
+    # Rounded: a diameter that was given in millimetres is off by a last digit.
+    return round(own / usual, 9) * kit.convection_fan
 
 
 def radiation(surface: float, ambient: float, emissivity: float) -> float:

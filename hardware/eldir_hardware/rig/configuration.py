@@ -22,7 +22,11 @@ from eldir.core.validation import Section, validate
 from eldir.errors import InputError
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
-from eldir.parameters.springs import SpringParameters, wire_heat_transfer_coefficient
+from eldir.parameters.springs import (
+    SpringParameters,
+    fan_heat_transfer_coefficient,
+    wire_heat_transfer_coefficient,
+)
 from eldir.parameters.tolerances import RigTolerances
 from eldir.parameters.wiring import FACES, Connection, Wiring
 from eldir_hardware.current_sensor import CHIPS
@@ -269,7 +273,7 @@ class Rig(Section):
             supply_voltage=self.supply.voltage_v,
             current_limit=self.supply.current_limit_a or _NO_LIMIT,
             lead_resistance=self.supply.lead_resistance_ohm,
-            convection_fan=s.convection_fan,
+            convection_fan=s.convection_fan or fan_heat_transfer_coefficient(1e-3 * s.wire_diameter_mm),
             convection_still=s.convection_still
             or wire_heat_transfer_coefficient(1e-3 * s.wire_diameter_mm, s.austenite_finish_c, s.ambient_c),
             fan=self.fan is not None if fan is None else fan,

@@ -120,8 +120,9 @@ class SpringEntry(Section):
     """Free length of the cold motor, from mass to mass [mm]."""
     hot_length_mm: Annotated[float, Field(ge=3, le=500)] = 75.0
     """Free length of the hot motor, from mass to mass [mm]."""
-    convection_fan: Annotated[float, Field(ge=10, le=600)] = 150.0
-    """Heat transfer coefficient with the fan [W/(m2 K)]."""
+    convection_fan: Annotated[float, Field(ge=10, le=600)] | None = None
+    """Measured heat transfer coefficient with the fan [W/(m2 K)]. Without it 150 for a wire of 0.75 mm, and
+    for another one that in the same stream of air."""
     convection_still: Annotated[float, Field(ge=2, le=100)] | None = None
     """Measured heat transfer coefficient in still air [W/(m2 K)]. Without it predictions use the correlation
     for a straight wire, and limits the least that a coil can lose (`eldir.parameters.springs`)."""

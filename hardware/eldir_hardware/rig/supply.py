@@ -12,13 +12,13 @@ from eldir.errors import EldirError
 from eldir.parameters.springs import (
     CORRELATION_ERROR,
     SpringParameters,
+    fan_heat_transfer_coefficient,
     forced_convection,
     max_still_air_temperature,
     min_heat_transfer_coefficient,
     wire_heat_transfer_coefficient,
 )
 from eldir_hardware.rig.configuration import Rig
-from eldir_hardware.rig.sections import SpringEntry
 
 _MAX_AIR_SPEED = 5.0  # of a strong fan [m/s]
 _HOT_TEMPERATURE = 90.0  # spring at the highest temperature limit [C]
@@ -143,8 +143,9 @@ def _hottest_corner(rig: Rig) -> SpringParameters:
     nominal = rig.spring_parameters(fan=rig.fan is not None and rig.fan.interlocked)
     allowed, measured = rig.tolerances, rig.springs.calibrated
     # Unmeasured values count only if they make springs hotter than the defaults.
+    kit = SpringParameters(convection_fan=fan_heat_transfer_coefficient(nominal.wire_diameter))
     kept = {
-        name: min(getattr(nominal, name), SpringEntry.model_fields[name].default)
+        name: min(getattr(nominal, name), getattr(kit, name))
         for name in ("heat_capacity", "latent_heat", "convection_fan")
         if name not in measured
     }

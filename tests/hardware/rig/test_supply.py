@@ -265,6 +265,23 @@ def test_values_that_make_springs_hotter_count_whoever_wrote_them():
     assert usual.convection_fan == pytest.approx(135.0)
 
 
+THICK = {"wire_diameter_mm": 1.5, "coil_diameter_mm": 13.0, "turns": 13.0, "resistance_ohm": 0.2403}
+
+
+def test_the_fan_cools_a_thicker_wire_less():
+    """Across a stream the coefficient falls about as d to the power of -1/2 (Hilpert 1933: -0.534 here)."""
+    fans = [
+        rig_with(springs={"wire_diameter_mm": d, "resistance_ohm": None}).spring_parameters().convection_fan
+        for d in (0.375, 0.75, 1.5)
+    ]
+    assert fans[1] == 150.0
+    assert np.log2(fans[0] / fans[1]) == pytest.approx(0.534, abs=0.03)
+    assert np.log2(fans[1] / fans[2]) == pytest.approx(0.534, abs=0.03)
+    for written, counts in ((None, 104.2), (150.0, 104.2), (90.0, 90.0)):
+        worst = worst_springs(rig_with(springs=THICK | {"convection_fan": written}))
+        assert worst.convection_fan == pytest.approx(0.9 * counts, rel=0.01)
+
+
 @pytest.mark.parametrize(("still", "hotter"), [(100.0, False), (12.0, False), (3.0, True)])
 def test_still_air_that_a_person_wrote_protects_no_welded_contact(still, hotter):
     """A spring that stays on settles where the computed least loss says, or hotter."""

@@ -49,7 +49,7 @@ def recorded_pulses(schedule: ActuationSchedule, rig: Rig) -> dict[int, Pulses]:
 def wire(rig: Rig, corner: Corner, *, fan: bool = True) -> Wire:
     """The spring of a rig file in a corner of its tolerances."""
     s = rig.springs
-    blown = s.convection_fan * corner.convection_tolerance
+    blown = (s.convection_fan or 150.0) * corner.convection_tolerance
     still = still_air(1e-3 * s.wire_diameter_mm, corner.ambient)
     return Wire(
         current=rig.supply.current_limit_a * corner.current,
