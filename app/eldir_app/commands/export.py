@@ -44,13 +44,18 @@ def export(
     from eldir_cad.kit.specification import load_specification
     from eldir_hardware.planning.model_export import export_robot
     from eldir_hardware.rig.configuration import Rig
+    from eldir_hardware.rig.supply import require_measured
     from eldir_hardware.schedule import ActuationSchedule
 
     if out.suffix != ".xml":
         raise typer.BadParameter(f"expected a file that ends in .xml; found {out.name!r}", param_hint="--out")
     require_new(out)
     check_printer(printer)
-    springs = None if rig is None else Rig.load(rig).spring_parameters()
+    springs = None
+    if rig is not None:
+        loaded = Rig.load(rig)
+        require_measured(loaded)
+        springs = loaded.spring_parameters()
     heating = None if schedule is None else ActuationSchedule.load(schedule)
     robot = Design.load(design)
     kit = load_specification(parts), load_printer(printer)

@@ -71,12 +71,14 @@ def transfer(
     from eldir_calibration.transfer.page import write_transfer
     from eldir_hardware.planning.workshop import make_workshop
     from eldir_hardware.rig.configuration import Rig
+    from eldir_hardware.rig.supply import require_measured
 
     space: Literal[2, 3] = 3 if dimensions == 3 else 2
     if rig is None:
         config = TransferConfig(samples, cycles, phases, seed, space, make_workshop().springs)
     else:
         loaded = Rig.load(rig)
+        require_measured(loaded)
         springs, tolerances = loaded.spring_parameters(), loaded.spring_tolerances()
         config = TransferConfig(samples, cycles, phases, seed, space, springs, tolerances)
     result = _compare(names, config, explain, engine)

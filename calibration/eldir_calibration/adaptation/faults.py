@@ -15,6 +15,7 @@ from eldir.built.heat import HeatModel
 from eldir.built.robot import build
 from eldir.core.records import FloatArray
 from eldir.parameters.springs import SpringParameters
+from eldir.parameters.tolerances import RigTolerances
 from eldir_calibration.adaptation.heat import SURE, believe_heat, find_safe_current, spring_strokes
 from eldir_calibration.adaptation.runs import Fault
 from eldir_calibration.dynamics.belief import Belief
@@ -34,17 +35,24 @@ _MAX_REST = 1e-3
 """A foot rests if its marker keeps within this [m], six standard deviations of the camera's noise."""
 _MIN_SHAPE = 1e-3
 """The springs move the robot if its shape changes by this, root mean square [m]."""
-_WEAK = 0.93
-"""A supply is weak if it gives less than this part of its current: its tolerance is 5 %."""
+_WEAK = 1.4
+"""A supply is weak if its current is lower than set by more than this multiple of its tolerance."""
 _CURRENTS = (0.9, 1.0, 1.1, 1.25)
 """Springs with these multiples of the current span the responses of a motor that may be filmed."""
 _GROUND = 1e-6  # heights of masses that stand on the ground at rest [m]
 
 
-def find_faults(number: int, film: RobotFilms, belief: Belief, limit_c: float) -> tuple[Fault, ...]:
+def find_faults(
+    number: int,
+    film: RobotFilms,
+    belief: Belief,
+    limit_c: float,
+    current_tolerance: float = RigTolerances.current,
+) -> tuple[Fault, ...]:
     """Why the robot does not walk in run `number`, or must not go on: its springs get hotter than `limit_c`,
     it fell, the supply gives less than it is set to, a motor does nothing, a foot does not leave its place,
-    or the springs stay too cold. Empty if the film shows none of these. `belief`: after the film."""
+    or the springs stay too cold. Empty if the film shows none of these. `belief`: after the film.
+    `current_tolerance`: of the supply, relative."""
     (recording,) = film.recordings
     if hot := _find_hot_springs(number, film, belief, limit_c):
         return hot
@@ -60,19 +68,19 @@ def find_faults(number: int, film: RobotFilms, belief: Belief, limit_c: float) -
             ),
         )
     return (
-        _find_weak_supply(number, film)
+        _find_weak_supply(number, film, current_tolerance)
         or _find_idle_motors(number, film, belief)
         or _find_stuck_feet(number, film.body, recording)
         or _find_cold_springs(number, film, belief)  # last: springs that are held are believed to be cold
     )
 
 
-def _find_weak_supply(number: int, film: RobotFilms) -> tuple[Fault, ...]:
+def _find_weak_supply(number: int, film: RobotFilms, tolerance: float) -> tuple[Fault, ...]:
     read, springs = film.readings, film.nominal.springs
     if read is None:
         return ()
     expected = float(springs.current(0.0))
-    if read.current_a * (1 + read.current_error) >= _WEAK * expected:
+    if read.current_a * (1 + read.current_error) >= (1 - _WEAK * tolerance) * expected:
         return ()
     return (
         Fault(

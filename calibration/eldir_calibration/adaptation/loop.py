@@ -212,7 +212,7 @@ def _learn(
     scene, belief = believe_films(design, rig, films, prior, config, progress)
     number = len(films)
     earlier = tuple(fault for fault in faults if fault.run < number)
-    now = find_faults(number, films[-1], belief, rig.limits.max_temperature_c)
+    now = find_faults(number, films[-1], belief, rig.limits.max_temperature_c, rig.tolerances.current)
     heat = believe_heat(belief, films[-1]) if belief.explains and _moves(films[-1]) else None
     return _Learned(scene, belief, earlier + now, heat)
 

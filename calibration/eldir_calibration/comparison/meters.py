@@ -12,7 +12,8 @@ from eldir_hardware.current_sensor import CHIPS
 from eldir_hardware.log.reader import RunLog
 from eldir_hardware.rig.configuration import Rig
 
-_HOT_MARGIN = 3.0  # below the austenite finish: at most a tenth is still martensite [K]
+_HOT_MARGIN = 0.2
+"""Part of the transition below the austenite finish: at most a tenth is still martensite there."""
 _SETTLING_TIME = 0.5  # a current counts from this time after its contact closed [s]
 _TIME_TOLERANCE = 1e-6  # reports and measurements with times this close belong together [s]
 _UNIFORM_FACTOR = np.sqrt(3.0)  # the largest error by the standard deviation, where all within are as likely
@@ -41,7 +42,7 @@ class MeterReadings(NamedTuple):
 def read_meters(runs: Sequence[tuple[RunLog, Rig]], *, hot: bool) -> MeterReadings | None:
     """The mean of the springs' means over all runs, each a log and its rig; None where nothing was measured.
 
-    `hot`: only springs that are hot by the model, from `_HOT_MARGIN` below their austenite finish, because
+    `hot`: only springs that are hot by the model, from the last `_HOT_MARGIN` of their transition on, because
     the voltage depends on the phase. On a shared supply a spring counts only while it heats alone, as the
     others take from its current. A current that the sensor cannot distinguish from zero is none: the supply
     was off.
@@ -80,7 +81,10 @@ def _find_measurements(log: RunLog, rig: Rig, hot: bool) -> dict[int, tuple[Bool
         counts = log.current_times - since >= _SETTLING_TIME
         counts &= log.currents[:, column] > zero_current  # false for one that is not measured
         if hot:
-            counts &= log.temperatures[modelled, column] >= rig.springs.austenite_finish_c - _HOT_MARGIN
+            springs = rig.springs
+            transition = springs.austenite_finish_c - springs.austenite_start_c
+            is_hot = springs.austenite_finish_c - _HOT_MARGIN * transition
+            counts &= log.temperatures[modelled, column] >= is_hot
         if rig.supply.outputs == "shared":
             counts &= together == 1
         if counts.any():

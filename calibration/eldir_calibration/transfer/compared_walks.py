@@ -157,7 +157,10 @@ def load_walking_design(
             )
         return WalkingDesign(file, design, gait, False)
     on_step(f"all phases of {file}")
-    screening = screen([design.morphology], springs=springs)[0] if design.morphology.motors else None
+    screening, nominal = None, RobotParameters.nominal(springs)
+    if design.morphology.motors:
+        ground = design.printed_terrain
+        (screening,) = screen([design.morphology], nominal.printed, springs, terrain=ground)
     if screening is None or screening.gait is None or not np.isfinite(screening.best):
         why = "no motor" if screening is None else screening.rejected or "it falls, folds or buckles a coil"
         raise InputError(f"{file} walks in no phase", code="design.no-walk", found=why, remedy="leave it out")

@@ -21,6 +21,7 @@ from eldir_cad.kit.printer import fit_to_printer, load_printer
 from eldir_cad.kit.specification import load_specification
 from eldir_hardware.planning.plan import heating_limits
 from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.rig.supply import require_measured
 from eldir_hardware.rig.template import CURRENT_LIMIT_A
 
 
@@ -42,6 +43,7 @@ def make_workshop(rig: Path | None = None) -> BuildConditions:
         springs = replace(springs, current_limit=CURRENT_LIMIT_A)
         return BuildConditions(printed, springs, defaults.PRINTED_MOTORS, default_timings, rejection_reason)
     loaded = Rig.load(rig)
+    require_measured(loaded)
     robot = RobotParameters.nominal(loaded.spring_parameters(), printed)
     return BuildConditions(
         robot.printed, robot.springs, loaded.motors, allowed_timings(loaded), rejection_reason

@@ -141,7 +141,7 @@ class Rig(Section):
             raise ValueError("a real board needs its port")
         if self.camera is not None and (self.kind == "real") != (self.camera.kind == "live"):
             raise ValueError(f"a {self.kind} rig cannot have a {self.camera.kind} camera")
-        if problem := self._find_series_problem():
+        if problem := self.find_series_problem():
             raise ValueError(problem)
         if self.sensor is not None:
             self._require_consistent_sensor(self.sensor)
@@ -153,7 +153,7 @@ class Rig(Section):
             raise ValueError("a real thermometer needs its file: thermometer.path")
         return self
 
-    def _find_series_problem(self) -> str | None:
+    def find_series_problem(self) -> str | None:
         """Why springs cannot be wired in series as the file says; None if they can.
 
         The supply must hold its current limit in both springs when they have their highest resistance: then

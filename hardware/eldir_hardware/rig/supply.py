@@ -39,7 +39,7 @@ def worst_springs(rig: Rig) -> SpringParameters:
     Hottest air, largest current, the resistance with most heat, weakest air flow. A fan counts only if
     hardware cuts the heating supply when the fan stops.
     """
-    _require_measured(rig)
+    require_measured(rig)
     corner = _hottest_corner(rig)
     return max(
         (corner.with_resistance(r) for r in _extreme_resistances(corner, rig)),
@@ -49,7 +49,7 @@ def worst_springs(rig: Rig) -> SpringParameters:
 
 def coldest_springs(rig: Rig) -> SpringParameters:
     """The springs that stay coldest within the rig file's tolerances, and move least."""
-    _require_measured(rig)
+    require_measured(rig)
     corner = springs_at_tolerances(rig, rig.spring_parameters(), current=-1, convection=1, room=-1)
     return min(
         (corner.with_resistance(r) for r in _extreme_resistances(corner, rig)),
@@ -120,7 +120,8 @@ def steady_temperature_in_still_air(rig: Rig) -> float:
     return max(computed, replace(worst, convection_still=still).steady_temperature)
 
 
-def _require_measured(rig: Rig) -> None:
+def require_measured(rig: Rig) -> None:
+    """Raise `LimitError` where the rig file lacks a value without which no heat can be predicted."""
     values = {
         "springs.resistance_ohm": rig.springs.resistance_ohm,
         "supply.current_limit_a": rig.supply.current_limit_a,

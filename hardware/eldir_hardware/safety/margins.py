@@ -101,6 +101,8 @@ def _with_highest_current(schedule: ActuationSchedule, rig: Rig) -> Rig | None:
         )
 
     def holds(more: float) -> bool:
+        if with_limit(own + more).find_series_problem():
+            return False
         try:
             check_schedule(schedule, with_limit(own + more))
         except LimitError:

@@ -39,7 +39,7 @@ class BiplaneBody:
         self.motion = BiplaneMotion(self._model, (springs.cold_length, springs.hot_length))
         self._lengths = np.full((1, len(FACES) * morphology.motors), springs.cold_length)
         self._springs = springs
-        self._impossible, self._time = ImpossibleMotion(morphology), 0.0
+        self._impossible, self._time = ImpossibleMotion(morphology, springs), 0.0
         self.springs = morphology.springs
 
     @property

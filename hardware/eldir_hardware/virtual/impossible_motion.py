@@ -9,6 +9,7 @@ import numpy as np
 
 from eldir.core.records import FloatArray
 from eldir.morphology import Morphology
+from eldir.parameters.springs import SpringParameters
 from eldir_cad.checks.distances import point_distance
 from eldir_cad.kit.specification import Specification, load_specification
 
@@ -16,8 +17,10 @@ from eldir_cad.kit.specification import Specification, load_specification
 class ImpossibleMotion:
     """The first overlap of parts and the first coil that would buckle, of a robot in MuJoCo."""
 
-    def __init__(self, morphology: Morphology):
-        self._overlap_check = OverlapCheck(morphology, load_specification())
+    def __init__(self, morphology: Morphology, springs: SpringParameters):
+        """`springs`: the coils, whose size need not be the kit's."""
+        coil = springs.coil_diameter + springs.wire_diameter
+        self._overlap_check = OverlapCheck(morphology, load_specification(), coil)
         self._morphology, self._overlap, self._buckling = morphology, "", ""
 
     @property
@@ -58,12 +61,13 @@ class OverlapCheck:
     """All pairs of a hub and a spring that it does not hold: parts that may pass through each other as a
     robot moves, since MuJoCo sees hubs, but neither strips nor coils."""
 
-    def __init__(self, morphology: Morphology, spec: Specification):
+    def __init__(self, morphology: Morphology, spec: Specification, coil: float):
+        """`coil`: outer diameter of the coils [m]."""
         self._ends = morphology.springs
         hub, spring = np.indices((len(morphology.positions), len(self._ends))).reshape(2, -1)
         separate = (self._ends[spring] != hub[:, None]).all(axis=1)
         self._hub, self._spring = hub[separate], spring[separate]
-        thick = np.where(morphology.active, spec.coil.outer_diameter, spec.strip.thickness)
+        thick = np.where(morphology.active, 1e3 * coil, spec.strip.thickness)
         self._reach = 1e-3 * (spec.mass.across_flats + thick[self._spring]) / 2
 
     def worst_pair(self, positions: FloatArray) -> str | None:

@@ -57,7 +57,7 @@ class MujocoBody:
         model = sample_multibody(morphology, seed, ballast, built, terrain, springs)
         self.motion = MujocoMotion(model, (springs.cold_length, springs.hot_length))
         self._lengths, self._springs = np.full((1, morphology.motors), springs.cold_length), springs
-        self._impossible, self._time = ImpossibleMotion(morphology), 0.0
+        self._impossible, self._time = ImpossibleMotion(morphology, springs), 0.0
         self.springs = morphology.springs
         self.positions = self.motion.positions
         self.discs = None

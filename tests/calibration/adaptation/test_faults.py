@@ -166,3 +166,11 @@ def test_a_supply_that_gives_too_little_is_measured(ratio: float, found: list[st
     current = ratio * float(RobotParameters().springs.current(0.0))
     readings = MeterReadings(current, 4.0, 0.01, 0.01, 5)
     assert kinds(film(0, 1), believed(BOTH_WORK), readings) == found
+
+
+@pytest.mark.parametrize(("tolerance", "found"), [(0.02, ["supply"]), (0.05, []), (0.1, [])])
+def test_a_supply_within_its_tolerance_is_not_weak(tolerance: float, found: list[str]) -> None:
+    current = 0.945 * float(RobotParameters().springs.current(0.0))
+    seen = films(film(0, 1), MeterReadings(current, 4.0, 0.01, 0.01, 5))
+    faults = find_faults(1, seen, believed(BOTH_WORK), LIMIT, tolerance)
+    assert [fault.kind for fault in faults] == found

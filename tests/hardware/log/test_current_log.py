@@ -128,6 +128,10 @@ def test_readings_are_those_of_the_hidden_springs(tmp_path, kind):
     assert found.pulses == 4 and 0.006 < found.error < 0.012
     shared = rig.model_copy(update={"supply": rig.supply.model_copy(update={"outputs": "shared"})})
     assert read_meters([(log, shared)], hot=True) is None, "two faces heat together"
+    late = rig.model_copy(update={"springs": rig.springs.model_copy(update={"austenite_start_c": 59.9})})
+    barely = replace(log, temperatures=np.minimum(log.temperatures, 58.0))
+    assert read_meters([(barely, rig)], hot=True) is not None
+    assert read_meters([(barely, late)], hot=True) is None, "all of it is still martensite"
     cold = replace(log, temperatures=log.temperatures - 40)
     assert read_meters([(cold, rig)], hot=True) is None
     warming = read_meters([(cold, rig)], hot=False)

@@ -3,24 +3,32 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from eldir.built.robot import build
+from eldir.errors import InputError
 from eldir.lattice import Lattice
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
+from eldir_app.application import application
 from eldir_calibration.adaptation.films import nominal_robot
+from eldir_calibration.transfer.compared_walks import load_walking_design
 from eldir_hardware.planning.plan import heating_limits
 from eldir_hardware.planning.workshop import make_workshop
 from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.rig.supply import LimitError
+from eldir_hardware.rig.template import real_rig
 from eldir_hardware.virtual.biplane_body import sample_biplane
 from eldir_hardware.virtual.bodies import EngineBody, far_robot
 from eldir_hardware.virtual.mujoco_body import sample_multibody
 from tests.eldir.random_design import make_design
 from tests.hardware.rigs_and_schedules import rig_with
+from tests.raised import raises
 
 SOFT = {"wire_diameter_mm": 0.7, "coil_diameter_mm": 7.5, "turns": 24.0, "resistance_ohm": 1.18}
 BODY = make_design(3, Lattice(3, 6)).morphology
@@ -84,3 +92,24 @@ def test_a_wider_coil_buckles_later() -> None:
     assert robot.coil == wide and build(BODY).coil == SpringParameters()
     length = np.array(0.068)
     assert wide.buckling_shortening(length) > 1.5 * SpringParameters().buckling_shortening(length)
+
+
+@pytest.mark.parametrize("command", ["transfer", "export"])
+def test_nothing_is_predicted_for_a_supply_that_was_not_measured(tmp_path: Path, command: str) -> None:
+    """A new rig file of a real board: it was simulated with a million amperes."""
+    make_design(3, Lattice(3, 6)).save(tmp_path / "design.json")
+    (tmp_path / "rig.yaml").write_text(real_rig("lcus", "/dev/ttyUSB0"))
+    out = tmp_path / ("robot.xml" if command == "export" else "out")
+    given = [command, str(tmp_path / "design.json"), "--rig", str(tmp_path / "rig.yaml"), "--out", str(out)]
+    with raises(LimitError, "limit.not-measured", "springs.resistance_ohm"):
+        CliRunner().invoke(application(command), given, catch_exceptions=False)
+    assert not out.exists()
+
+
+def test_transfer_looks_for_a_gait_with_the_springs_of_the_rig(tmp_path: Path) -> None:
+    """With a fifth of the stiffness this body buckles its coils in every phase."""
+    weak = replace(SpringParameters(), wire_diameter=0.5e-3, turns=30.0, current_limit=1.8)
+    design = make_design(3, Lattice(3, 6))
+    design.save(tmp_path / "design.json")
+    with raises(InputError, "design.no-walk"):
+        load_walking_design(str(tmp_path / "design.json"), weak, lambda _: None)

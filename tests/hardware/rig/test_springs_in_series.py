@@ -23,6 +23,7 @@ from eldir_hardware.rig.template import real_rig, virtual_rig
 from eldir_hardware.run.drive import drive_rig
 from eldir_hardware.safety.compatibility import compare_wiring, packet_wiring, with_digests
 from eldir_hardware.safety.limits import check_schedule
+from eldir_hardware.safety.margins import rigs_with_narrower_tolerances
 from eldir_hardware.virtual.rig import VirtualRig
 from tests.hardware.rigs_and_schedules import RIG, SCHEDULE, gait, rig_with
 from tests.hardware.virtual.piston_and_observer import Piston
@@ -148,3 +149,15 @@ def test_a_run_is_driven_and_measured(tmp_path):
     on = log.currents[:, 0] > 1
     assert log.currents[on, 0] == pytest.approx(3.6, rel=0.06)
     assert log.voltages[on, 0] == pytest.approx(2 * 3.6 * 0.987, rel=0.12)
+
+
+def test_no_current_is_advised_that_the_voltage_does_not_drive_through_both() -> None:
+    """A rig file with any advised current is accepted; one spring alone would allow more."""
+    for volts, advised in ((8.0, 3.75), (11.0, 3.9)):
+        rig = in_series(supply={"voltage_v": volts})
+        schedule = compile_schedule(gait(duty=(0.1, 0.1)), rig)
+        found = [other.supply.current_limit_a for other in rigs_with_narrower_tolerances(schedule, rig)]
+        assert max(found) == advised
+        for current in found:
+            in_series(supply={"voltage_v": volts, "current_limit_a": current})
+    assert "too low for 3.8 A" in refused(supply={"voltage_v": 8.0, "current_limit_a": 3.8})

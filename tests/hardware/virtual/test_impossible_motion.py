@@ -19,11 +19,12 @@ from tests.hardware.virtual.multibody_models import hub, small
 pytest.importorskip("mujoco")  # installed with the extra `test`
 BODY = make_design(3, Lattice(3, 6)).morphology
 SPRINGS = SpringParameters()
+COIL = SPRINGS.coil_diameter + SPRINGS.wire_diameter
 
 
 def test_hubs_that_pass_through_strips_are_named() -> None:
     """Contact with strips is not simulated, so the log has to say so."""
-    overlap = OverlapCheck(BODY, load_specification())
+    overlap = OverlapCheck(BODY, load_specification(), COIL)
     places = build(BODY).positions.copy()
     assert overlap.worst_pair(places) is None
     (a, b), other = BODY.springs[0], int(next(i for i in range(len(places)) if i not in BODY.springs[0]))
@@ -31,8 +32,21 @@ def test_hubs_that_pass_through_strips_are_named() -> None:
     assert overlap.worst_pair(places) == f"mass {other} and spring {a}-{b}"
 
 
+def test_a_wide_coil_touches_sooner() -> None:
+    usual, wide = (OverlapCheck(BODY, load_specification(), diameter) for diameter in (COIL, 2 * COIL))
+    places = build(BODY).positions.copy()
+    a, b = BODY.springs[BODY.active][0]
+    other = int(next(i for i in range(len(places)) if i not in (a, b)))
+    along = (places[b] - places[a]) / np.linalg.norm(places[b] - places[a])
+    # A hub is 12 mm wide and a coil 7.25 mm: they touch at 9.6 mm, with twice the coil at 13.2 mm.
+    places[other] = (places[a] + places[b]) / 2 + 12e-3 * np.array([-along[1], along[0]])
+    reached = wide.worst_pair(places)
+    assert reached is not None and f"spring {a}-{b}" in reached
+    assert f"spring {a}-{b}" not in (usual.worst_pair(places) or "")
+
+
 def test_the_first_of_each_kind_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    seen = ImpossibleMotion(BODY)
+    seen = ImpossibleMotion(BODY, SPRINGS)
     monkeypatch.setattr(OverlapCheck, "worst_pair", lambda self, positions: "mass 1 and spring 2-3")
     ends = ["-".join(map(str, pair)) for pair in BODY.springs[BODY.active].tolist()]
     loads = np.full((BODY.motors, 2), -3.0)
