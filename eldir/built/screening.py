@@ -74,14 +74,17 @@ def screen(
     phases: int = PHASES,
     progress: Callable[[float], None] | None = None,
     terrain: Terrain | None = None,
+    ballasts: Sequence[FloatArray | float] = (),
 ) -> list[ScreeningResult]:
     """Screen every design; results are in input order. `progress` is called with the completed share.
-    `terrain`: the ground, by default a table; the static margin is that on a table."""
+    `terrain`: the ground, by default a table; the static margin is that on a table. `ballasts` of one plane
+    [kg], for each design as `build` takes it; by default none."""
     p, spring = parameters or BuiltParameters(), springs or SpringParameters()
     free = (spring.cold_length, spring.hot_length)
+    ballasts = ballasts or [0.0] * len(morphologies)
     found: list[ScreeningResult] = []
     for i, body in enumerate(morphologies):
-        robot = build(body, RobotParameters(p, spring))
+        robot = build(body, RobotParameters(p, spring), ballast=ballasts[i])
         margin, loose = static_margin(robot), count_mechanisms(robot.positions, robot.springs)
         why = find_shape_fault(robot)
         if margin < MARGIN:
@@ -101,7 +104,8 @@ def screen(
             together = chosen[first : first + _AT_ONCE]
             tables = [heated(morphologies[i].motors, hubs_of[i], cycles) for i in together]
             pairs = [(i, *pair) for i, own in zip(together, tables, strict=True) for pair in own]
-            robots = {i: build(morphologies[i], RobotParameters(parameters, spring)) for i in together}
+            of = RobotParameters(parameters, spring)
+            robots = {i: build(morphologies[i], of, ballast=ballasts[i]) for i in together}
             walks = displacements(
                 [robots[i] for i, _, _ in pairs], [t for _, _, t in pairs], cycles, free, terrain=terrain
             )

@@ -159,8 +159,10 @@ def load_walking_design(
     on_step(f"all phases of {file}")
     screening, nominal = None, RobotParameters.nominal(springs)
     if design.morphology.motors:
-        ground = design.printed_terrain
-        (screening,) = screen([design.morphology], nominal.printed, springs, terrain=ground)
+        ground, ballast = design.printed_terrain, design.ballast / 2
+        (screening,) = screen(
+            [design.morphology], nominal.printed, springs, terrain=ground, ballasts=[ballast]
+        )
     if screening is None or screening.gait is None or not np.isfinite(screening.best):
         why = "no motor" if screening is None else screening.rejected or "it falls, folds or buckles a coil"
         raise InputError(f"{file} walks in no phase", code="design.no-walk", found=why, remedy="leave it out")

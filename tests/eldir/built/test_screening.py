@@ -174,5 +174,7 @@ def test_a_body_that_its_motors_cannot_move_is_dropped() -> None:
     assert count_mechanisms(design.positions, design.springs[~design.active]) == 0
     (found,) = screen([design], SOFT, phases=2)
     assert "rigid without its motors" in found.rejected and found.best == -np.inf
+    (heavy,) = screen([design], SOFT, phases=2, ballasts=[0.02])
+    assert heavy.margin == static_margin(build(design, SOFT, ballast=0.02)) != found.margin
     (walk,) = sample_walks(NominalRobots(design, RobotParameters()), candidate_gaits(1), 1)
     assert walk.displacement[0] == -np.inf  # rightly: its coil would buckle
