@@ -196,9 +196,11 @@ def free_lengths_batch(
     *,
     many: bool = False,
     hubs: Sequence[IntArray] | None = None,
+    power_shares: Sequence[float] = (),
 ) -> list[FreeLengths]:
     """`free_lengths` of many gaits, each with the spring of each motor; all are heated side by side. `many`,
-    and the `hubs` of each robot: see `heat`."""
+    and the `hubs` of each robot: see `heat`. `power_shares`: power of a spring while n springs of a robot
+    heat, relative to its power alone, for n = 0, 1, ..., two springs for each motor; empty: always 1."""
     if not robots:
         return []
     cycles, conditioning = (
@@ -212,11 +214,13 @@ def free_lengths_batch(
         require_count("hubs", len(hubs), len(robots))
     ends = [round((SETTLE + gait.period * (cycles + conditioning)) / interval) for gait, _ in robots]
     every = [p for _, own in robots for p in own]
-    on = np.zeros((max(ends), len(every)), bool)
+    on = np.zeros((max(ends), len(every)))
     starts = np.arange(max(ends)) * interval - SETTLE + 1e-9
     last = np.cumsum([len(own) for _, own in robots])
     for (gait, own), end, column in zip(robots, ends, last, strict=True):
-        on[:end, column - len(own) : column] = gait.is_heating(starts[:end])
+        heating = gait.is_heating(starts[:end])
+        power = np.asarray(power_shares)[len(FACES) * heating.sum(axis=1)][:, None] if power_shares else 1.0
+        on[:end, column - len(own) : column] = heating * power
     state = SpringState(np.array([p.ambient for p in every]), np.ones(len(every)))
     joined = None if hubs is None else join_hubs(hubs)
     history = heat(on, interval, every, state, many=many, hubs=joined)

@@ -57,6 +57,8 @@ class HeatingLimits:
     stroke, for a number of motors."""
     tolerances: RigTolerances = field(default_factory=RigTolerances)
     """The rig's tolerances."""
+    power_shares: tuple[float, ...] = ()
+    """Power of a spring while n springs heat, as `eldir.built.gait.free_lengths_batch` takes it."""
 
 
 @dataclass(frozen=True)
@@ -110,7 +112,7 @@ def find_gait(
     if scene is None:
         robots, searched = nominal_robots(design, limits), search_gait(design, limits, seed, stage)
     else:
-        robots = IdentifiedRobots.of(design, scene, [f.gait for f in filmed])
+        robots = identified_robots(design, limits, scene, filmed)
         searched = search_robust_gait(robots, limits, filmed, seed, stage)
     gaits = {"search": searched} | ({"imitate": imitate_gait(design)} if imitate else {})
     found = sample_walks_in_turn(
@@ -145,7 +147,7 @@ def _find_other_gait(
     if scene is None:
         robots, found = nominal_robots(design, limits), search_gait(design, others, seed, stage)
     else:
-        robots = IdentifiedRobots.of(design, scene, [f.gait for f in scene.filmed_of(design)])
+        robots = identified_robots(design, limits, scene, scene.filmed_of(design))
         found = search_robust_gait(robots, others, (), seed, stage)
     if not allowed(found):
         raise InputError(
@@ -327,5 +329,19 @@ def nominal_robots(design: Design, limits: HeatingLimits) -> RobotDistribution:
     """Nominal robots of a design without films, with hubs, on the rig's supply."""
     robot = RobotParameters.nominal(limits.springs, BuiltParameters().with_hubs())
     return NominalRobots(
-        design.morphology, robot, design.ballast / 2, design.printed_terrain, limits.tolerances
+        design.morphology,
+        robot,
+        design.ballast / 2,
+        design.printed_terrain,
+        limits.tolerances,
+        power_shares=limits.power_shares,
     )
+
+
+def identified_robots(
+    design: Design, limits: HeatingLimits, scene: PrintedScene, filmed: Sequence[FilmedGait] = ()
+) -> RobotDistribution:
+    """Robots of a design around the one that was identified from films, on the rig's supply. `filmed`: gaits
+    in which its samples stay upright as that one does."""
+    robots = IdentifiedRobots.of(design, scene, [film.gait for film in filmed])
+    return replace(robots, power_shares=limits.power_shares)

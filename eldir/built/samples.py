@@ -43,6 +43,9 @@ class RobotDistribution(Record, ABC):
     """Ballast on this plane [kg], as `eldir.built.robot.build` takes it."""
     terrain: Terrain | None = None
     """The ground [m, of the printed robot]; by default a table."""
+    power_shares: tuple[float, ...] = field(default=(), kw_only=True)
+    """Power of a spring while n springs heat, relative to its power alone, as
+    `eldir.built.gait.free_lengths_batch` takes it; empty: each spring has an output of its own."""
 
     @abstractmethod
     def sample(self, rng: np.random.Generator) -> RobotParameters:
@@ -304,7 +307,8 @@ def _simulation_arguments(
         built = [robot.coarse() for robot in built]
     springs = [robot.motor_springs(body.motors) for robot in robots]
     heated = [(gait, own) for gait in gaits for own in springs]
-    tables = free_lengths_batch(heated, cycles, hubs=[body.motor_hubs] * len(heated))
+    hubs = [body.motor_hubs] * len(heated)
+    tables = free_lengths_batch(heated, cycles, hubs=hubs, power_shares=common.power_shares)
     free = [common.free_lengths_of(robot) for robot in robots]
     return built * len(gaits), tables, cycles, free * len(gaits)
 

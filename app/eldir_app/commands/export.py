@@ -44,21 +44,22 @@ def export(
     from eldir_cad.kit.specification import load_specification
     from eldir_hardware.planning.model_export import export_robot
     from eldir_hardware.rig.configuration import Rig
-    from eldir_hardware.rig.supply import require_measured
+    from eldir_hardware.rig.supply import power_shares, require_measured
     from eldir_hardware.schedule import ActuationSchedule
 
     if out.suffix != ".xml":
         raise typer.BadParameter(f"expected a file that ends in .xml; found {out.name!r}", param_hint="--out")
     require_new(out)
     check_printer(printer)
-    springs = None
-    if rig is not None:
-        loaded = Rig.load(rig)
+    loaded = None if rig is None else Rig.load(rig)
+    springs, shares = None, None
+    if loaded is not None:
         require_measured(loaded)
         springs = loaded.spring_parameters()
+        shares = power_shares(loaded, springs)
     heating = None if schedule is None else ActuationSchedule.load(schedule)
     robot = Design.load(design)
     kit = load_specification(parts), load_printer(printer)
-    written = export_robot(robot, out, *kit, heating, springs, dimensions)
+    written = export_robot(robot, out, *kit, heating, springs, dimensions, shares)
     for path in written:
         typer.echo(f"wrote {path}")

@@ -79,6 +79,7 @@ def transfer(
     else:
         loaded = Rig.load(rig)
         require_measured(loaded)
+        loaded.require_own_outputs("leave --rig out; eldir gait predicts walks with this rig file")
         springs, tolerances = loaded.spring_parameters(), loaded.spring_tolerances()
         config = TransferConfig(samples, cycles, phases, seed, space, springs, tolerances)
     result = _compare(names, config, explain, engine)

@@ -251,7 +251,7 @@ def _require_learnable(design: Design, rig: Rig) -> None:
     not after its first film."""
     _require_table(design)
     _require_markers(design)
-    _require_own_outputs(rig)
+    rig.require_own_outputs()
 
 
 def _require_table(design: Design) -> None:
@@ -273,16 +273,6 @@ def _require_markers(design: Design) -> None:
             expected=f"{needed} or more",
             found=str(marks),
             remedy="take a design with more masses on its rear, such as another one of the shortlist",
-        )
-
-
-def _require_own_outputs(rig: Rig) -> None:
-    if rig.supply.outputs == "shared":
-        raise InputError(
-            "the springs share the current of one output of the supply",
-            code="adapt.shared-output",
-            expected="an output for each spring (supply.outputs: each): shared current is not simulated",
-            remedy="drive and film with eldir rig drive",
         )
 
 

@@ -29,6 +29,7 @@ from eldir_calibration.report.comparison import Motion
 from eldir_calibration.report.controls import sample_other_robots
 from eldir_calibration.report.verdict import SampledMotions, prediction_interval
 from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.rig.supply import power_shares, scale_by_shares
 from eldir_hardware.schedule import ActuationSchedule
 from eldir_hardware.vision.printed_ground import CORNER
 
@@ -258,15 +259,16 @@ def _stays_upright(one: _Simulation, found: PrintedMotion) -> bool:
 
 def _free_lengths(run: RecordedRun, springs: Sequence[SpringParameters], hubs: IntArray) -> FloatArray:
     """Free lengths of the motors by the thermal model, every interval [m]. A control robot may follow the
-    schedule of the intact one: channels of a motor that it has not heat nothing."""
+    schedule of the intact one: channels of a motor that it has not move nothing."""
     motors = len(springs)
     channels, states = run.schedule.sampled(_INTERVAL)
     motors_by_channel = {c.channel: c.spring for c in run.rig.channels}
     # Both faces heat alike in the model; a plane's motor is on while either of its channels is.
-    on = np.zeros((len(states), motors), bool)
+    power = scale_by_shares(states.astype(float), power_shares(run.rig, run.rig.spring_parameters()))
+    on = np.zeros((len(states), motors))
     for column, channel in enumerate(channels):
-        if motors_by_channel[channel] < motors:
-            on[:, motors_by_channel[channel]] |= states[:, column]
+        if (motor := motors_by_channel[channel]) < motors:
+            on[:, motor] = np.maximum(on[:, motor], power[:, column])
     cold = SpringState(np.array([s.ambient for s in springs]), np.ones(motors))
     lengths = heat(on, _INTERVAL, springs, cold, hubs=hubs).length
     return np.concatenate([[[s.cold_length for s in springs]], lengths])

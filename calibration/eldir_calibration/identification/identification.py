@@ -65,7 +65,7 @@ def read_films(
     paths: Sequence[Path], design: Design, progress: Progress = lambda what, part: None
 ) -> RobotFilms:
     """Reads and tracks logs of one robot. Raises `InputError` where their rigs have different springs or
-    supplies, or where they are of different robots, or one is there twice."""
+    supplies, or share one output, or where they are of different robots, or one is there twice."""
     runs = open_runs(paths, design)
     first = runs[0]
     if any(d.rig.spring_parameters() != first.rig.spring_parameters() for d in runs):
@@ -74,6 +74,7 @@ def read_films(
             code="dynamics.different-rigs",
             remedy="identify each rig separately",
         )
+    first.rig.require_own_outputs()
     if any(d.design != first.design for d in runs):
         raise InputError(
             "the logs are of different robots",

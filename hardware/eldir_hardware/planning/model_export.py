@@ -23,6 +23,7 @@ from eldir_cad.multibody.biplane_mjcf import biplane_mjcf
 from eldir_cad.multibody.hubs import hub_name, hub_shapes
 from eldir_cad.multibody.mjcf import mjcf_text
 from eldir_cad.multibody.model import Multibody, build_multibody
+from eldir_hardware.rig.supply import scale_by_shares
 from eldir_hardware.schedule import ActuationSchedule
 
 ROW_INTERVAL = 0.05
@@ -38,13 +39,14 @@ def export_robot(
     schedule: ActuationSchedule | None = None,
     springs: SpringParameters | None = None,
     dimensions: int = 2,
+    shares: FloatArray | None = None,
 ) -> list[Path]:
     """Write the nominal robot of a design as MJCF to `out`, and the shapes of its hubs into a folder beside
     it. In three `dimensions` each face has its own strips, coils and feet.
 
-    With a `schedule` also a table of its coils' free lengths and stiffnesses, by `springs`, and a program
-    that runs both. Returns what was written. Raises `EldirError` if one of the files exists, `InputError` if
-    the schedule does not fit the design.
+    With a `schedule` also a table of its coils' free lengths and stiffnesses, by `springs` and their `shares`
+    (see `free_lengths`), and a program that runs both. Returns what was written. Raises `EldirError` if one
+    of the files exists, `InputError` if the schedule does not fit the design.
     """
     stem, body = out.with_suffix(""), design.morphology
     folder = stem.with_name(f"{stem.name}-parts")
@@ -54,7 +56,7 @@ def export_robot(
     springs = springs or SpringParameters()
     robot = RobotParameters.nominal(springs, built_parameters(spec, printer)).printed
     model = build(body, spec, printer, robot, ballast=design.ballast, terrain=design.printed_terrain)
-    rows = None if schedule is None else _table(model, schedule, springs)
+    rows = None if schedule is None else _table(model, schedule, springs, shares)
     shapes = hub_shapes(assemble(body, spec))
     with new_folder(folder) as draft:
         for hub, data in shapes.items():
@@ -71,15 +73,19 @@ def export_robot(
     return [out, table, runner, folder]
 
 
-def free_lengths(schedule: ActuationSchedule, springs: SpringParameters, motors: int) -> FloatArray:
+def free_lengths(
+    schedule: ActuationSchedule, springs: SpringParameters, motors: int, shares: FloatArray | None = None
+) -> FloatArray:
     """Free lengths of the active springs of the front and the back between centres at instants 0,
-    `ROW_INTERVAL`, ... [m], shape (K + 1, A, 2)."""
+    `ROW_INTERVAL`, ... [m], shape (K + 1, A, 2). `shares`: power of a spring while n springs heat, relative
+    to its power alone (`eldir_hardware.rig.supply.power_shares`); by default always 1."""
     channels, states = schedule.sampled(ROW_INTERVAL)
     wired = {e.channel: Connection(e.channel, e.spring, e.face) for e in schedule.events}
     heated = 1 + max((c.spring for c in wired.values()), default=-1)
     require_value("number of springs that the schedule heats", heated <= motors, f"at most {motors}", heated)
     cold = SpringState.cold(len(channels), springs)
-    each = heat(states.astype(float), ROW_INTERVAL, [springs] * len(channels), cold).length
+    on = states.astype(float) if shares is None else scale_by_shares(states.astype(float), shares)
+    each = heat(on, ROW_INTERVAL, [springs] * len(channels), cold).length
     lengths = np.full((len(states) + 1, motors, len(FACES)), springs.cold_length)
     for column, channel in enumerate(channels):
         for face in wired[channel].faces:
@@ -87,14 +93,19 @@ def free_lengths(schedule: ActuationSchedule, springs: SpringParameters, motors:
     return lengths
 
 
-def _table(model: Multibody | Biplane, schedule: ActuationSchedule, springs: SpringParameters) -> str:
+def _table(
+    model: Multibody | Biplane,
+    schedule: ActuationSchedule,
+    springs: SpringParameters,
+    shares: FloatArray | None,
+) -> str:
     """Both faces have one coil in the plane: it follows their mean."""
     if isinstance(model, Multibody):
         coils = [f"coil_{motor}" for motor in range(len(model.coils))]
-        free = free_lengths(schedule, springs, len(model.coils)).mean(axis=2)
+        free = free_lengths(schedule, springs, len(model.coils), shares).mean(axis=2)
     else:
         coils = [f"coil_{motor}_{face}" for motor in range(len(model.front.coils)) for face in FACES]
-        free = free_lengths(schedule, springs, len(model.front.coils)).reshape(-1, len(coils))
+        free = free_lengths(schedule, springs, len(model.front.coils), shares).reshape(-1, len(coils))
     lengths, stiffness = model.coil_commands(free, (springs.cold_length, springs.hot_length))
     names = ["t_s", *(f"{coil}_length_m" for coil in coils), *(f"{coil}_n_per_m" for coil in coils)]
     rows = np.hstack([ROW_INTERVAL * np.arange(len(free))[:, None], lengths, stiffness]).tolist()

@@ -17,11 +17,12 @@ from eldir.built.gait_search import (
     HeatingLimits,
     Stage,
     find_gait,
+    identified_robots,
     nominal_robots,
     silent,
 )
 from eldir.built.heat import HeatModel, SpringState, heating_time
-from eldir.built.samples import IdentifiedRobots, SampledWalks, interval_reach
+from eldir.built.samples import SampledWalks, interval_reach
 from eldir.built.scene import PrintedScene
 from eldir.built.screening import candidate_gaits
 from eldir.core.pictures import png
@@ -120,7 +121,7 @@ def plan_gait(
     )
     on_stage("simulating the ends of the rig's tolerances")
     scene = config.scene
-    robots = nominal_robots(design, limits) if scene is None else IdentifiedRobots.of(design, scene)
+    robots = nominal_robots(design, limits) if scene is None else identified_robots(design, limits, scene)
     predicted = replace(
         schedule.predicted,
         method=found.method,
@@ -150,7 +151,10 @@ def heating_limits(rig: Rig) -> HeatingLimits:
     def timing(springs: SpringParameters, motors: int) -> tuple[float, float]:
         return find_timing(springs, rig, motors)
 
-    return HeatingLimits(rig.spring_parameters(), allowed, timing, rig.spring_tolerances())
+    springs = rig.spring_parameters()
+    shared = rig.supply.outputs == "shared"
+    shares = tuple(power_shares(rig, springs).tolist()) if shared else ()
+    return HeatingLimits(springs, allowed, timing, rig.spring_tolerances(), shares)
 
 
 def _require_quick_springs(limits: HeatingLimits, motors: int) -> None:

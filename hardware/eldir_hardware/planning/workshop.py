@@ -28,7 +28,7 @@ from eldir_hardware.rig.template import CURRENT_LIMIT_A
 def make_workshop(rig: Path | None = None) -> BuildConditions:
     """The default parts and printer with this rig, or with the rig of the template.
 
-    Raises `InputError` if the rig allows none of the heating times.
+    Raises `InputError` if the rig allows none of the heating times, or its springs share an output.
     """
     printer = load_printer(PRINTER)
     spec = fit_to_printer(load_specification(), printer)
@@ -44,6 +44,7 @@ def make_workshop(rig: Path | None = None) -> BuildConditions:
         return BuildConditions(printed, springs, defaults.PRINTED_MOTORS, default_timings, rejection_reason)
     loaded = Rig.load(rig)
     require_measured(loaded)
+    loaded.require_own_outputs("evolve without --rig; eldir gait predicts walks with this rig file")
     robot = RobotParameters.nominal(loaded.spring_parameters(), printed)
     return BuildConditions(
         robot.printed, robot.springs, loaded.motors, allowed_timings(loaded), rejection_reason

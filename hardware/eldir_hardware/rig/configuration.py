@@ -234,6 +234,19 @@ class Rig(Section):
             "number of motors", motors <= self.motors, f"at most {self.motors} on this rig", motors, remedy
         )
 
+    def require_own_outputs(self, remedy: str = "drive and film with eldir rig drive") -> None:
+        """Raise `InputError` where springs share the current of one output, for what does not simulate
+        that."""
+        if self.supply.outputs == "shared":
+            raise InputError(
+                f"the springs of {self.name} share the current of one output of the supply",
+                code="rig.shared-output",
+                expected="an output for each spring (supply.outputs: each): shared current is not simulated "
+                "here",
+                found="supply.outputs: shared",
+                remedy=remedy,
+            )
+
     def find_channel(self, spring: int, face: str) -> int | None:
         """The relay channel that heats a spring on a face."""
         for entry in self.channels:

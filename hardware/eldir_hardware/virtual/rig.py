@@ -26,6 +26,7 @@ from eldir_hardware.emulator.current_sensor import EmulatedCurrentSensor, Shunts
 from eldir_hardware.relay.board import RelayBoard
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.devices import connect_sensor, get_driver, get_emulator
+from eldir_hardware.rig.supply import power_shares
 from eldir_hardware.thermometer import ERROR_K, STEP_K
 from eldir_hardware.virtual.springs import STEP, ThermalSprings
 
@@ -118,6 +119,7 @@ class VirtualRig:
             [common.perturb(deviations) for _ in coils],
             self.clock.now(),
             rig.cutoff_s,
+            power_shares(rig, common) if rig.supply.outputs == "shared" else None,
         )
         self._cold_length = common.cold_length
         self._coils = np.array(

@@ -12,6 +12,7 @@ from eldir.built.heat import SpringState, heat
 from eldir.core.records import FloatArray
 from eldir.parameters.springs import SpringParameters
 from eldir_hardware.emulator.board import ContactEvent
+from eldir_hardware.rig.supply import scale_by_shares
 
 STEP = 0.05
 """Time step [s]; the heat model's error is below 0.001 K."""
@@ -27,8 +28,11 @@ class ThermalSprings:
         parameters: Sequence[SpringParameters],
         start: float,
         cutoff_s: float | None = None,
+        power_shares: FloatArray | None = None,
     ):
-        """`cutoff_s`: the timer in series with each channel opens after this long [s]."""
+        """`cutoff_s`: the timer in series with each channel opens after this long [s]. `power_shares`: power
+        of a spring while n springs heat, relative to its power alone (`eldir_hardware.rig.supply`); by
+        default always 1."""
         self._columns: dict[int, list[int]] = {}
         for i, channel in enumerate(channels):
             self._columns.setdefault(channel, []).append(i)
@@ -36,6 +40,7 @@ class ThermalSprings:
         """Parameters of each spring."""
         self._start = start
         self._cutoff = np.inf if cutoff_s is None else cutoff_s
+        self._power_shares = np.ones(len(channels) + 1) if power_shares is None else power_shares
         self._closed_at: dict[int, float] = {}
         self._power_since: dict[int, tuple[float, float]] = {}  # time, power
         self._pulses: list[tuple[int, float, float, float]] = []
@@ -75,19 +80,25 @@ class ThermalSprings:
         A spring's resistance is that of the last step to which the springs were advanced.
         """
         with self._lock:
-            spans = [p[1:] for p in self._pulses if p[0] == channel]
-            if (closed_at := self._closed_at.get(channel)) is not None:
-                begun, power = self._power_since[channel]
-                spans.append((begun, closed_at + self._cutoff, power))
-            part = next((power for on, off, power in spans if on <= t < off), 0.0)
+            part = self._power_at(channel, t)
             if not self.has_supply or not part:
                 return 0.0, 0.0
             springs = self._springs_with_leads()
             own = [(springs[i], float(self.state.martensite[i])) for i in self._columns[channel]]
             if channel in self._broken:
                 return 0.0, part * own[0][0].supply_voltage
+            heated = sum(self._power_at(other, t) >= 1.0 for other in self._columns)
+            part *= float(np.sqrt(self._power_shares[max(heated, 1)]))
             current = part * min(float(spring.current(xi)) for spring, xi in own)
             return current, current * sum(float(spring.resistance_at(xi)) for spring, xi in own)
+
+    def _power_at(self, channel: int, t: float) -> float:
+        """Part of the whole power with which a contact heats at `t`; 0 while it is open."""
+        spans = [p[1:] for p in self._pulses if p[0] == channel]
+        if (closed_at := self._closed_at.get(channel)) is not None:
+            begun, power = self._power_since[channel]
+            spans.append((begun, closed_at + self._cutoff, power))
+        return next((power for on, off, power in spans if on <= t < off), 0.0)
 
     def break_lead(self, channel: int) -> None:
         """From now on no current flows in a channel; it has the supply's voltage."""
@@ -106,7 +117,7 @@ class ThermalSprings:
         if steps <= 0:
             return np.empty((0, len(self.parameters)))
         with self._lock:  # contact events come from the board's thread
-            share = self._heating_shares(steps)
+            share = scale_by_shares(self._heating_shares(steps), self._power_shares)
         history = heat(share, STEP, self._springs_with_leads(), self.state)
         self.state = history.final
         self.max_temperature_c = max(self.max_temperature_c, float(history.temperature.max()))

@@ -155,7 +155,7 @@ def test_springs_that_share_an_output_are_refused_before_they_are_heated(
     def drive(schedule: ActuationSchedule, log: Path) -> None:
         raise AssertionError("it heats")
 
-    with raises(InputError, "adapt.shared-output"):
+    with raises(InputError, "rig.shared-output"):
         adapt(tmp_path / "design.json", shared, tmp_path / "out", drive)
 
 
