@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, field
+from dataclasses import asdict, field, fields, replace
 from functools import cached_property
 from typing import Annotated, Any, Literal
 
@@ -24,6 +24,9 @@ from eldir.parameters.uncertain import PARAMETERS
 _MAX_Z = 30.0  # standard deviations of a prior; a fit ends at four
 _MAX_STRIP_M = 0.05  # length of a strip beyond the drawing [m]; the pitch is 0.057
 _MAX_FACTOR = 100.0  # times the nominal value, or a part of it
+_SUPPLY_AND_AIR = ("current_limit", "supply_voltage", "lead_resistance", "ambient", "convection_still")
+"""Fields of springs that a rig and its air determine; still air takes more heat where it is warmer."""
+_SAME = 1e-4  # relative: files have z to six digits
 _FIRST_KEYS = {"strained": "at_edge", "doubt_left_of_prior": "spread_left_of_prior"}
 
 Numbers = Annotated[FloatArray, Array("f8", None)]
@@ -277,6 +280,36 @@ class PrintedScene(FileRecord):
         """The most probable robot of a design: with its identified single parts if the films show this body,
         otherwise with equal parts."""
         return self.robot if self.body == design.body else self.robot.uniform
+
+    def on_rig(self, springs: SpringParameters) -> PrintedScene:
+        """The scene with the supply and the air of a rig whose nominal springs are these: what the films told
+        of its own nominal current holds relative to that of the rig. Filmed gaits count only with the current
+        of their films.
+
+        A scene without a parameter that differs from nominal does not tell its nominal springs; it stays as
+        it is. Raises `InputError` where the springs themselves are others.
+        """
+        if not self.z.any():
+            return self
+        here = RobotParameters(springs=springs).at(self.parameters, self.z).springs
+        others = [
+            part.name
+            for part in fields(SpringParameters)
+            if not np.isclose(getattr(here, part.name), getattr(self.springs, part.name), rtol=_SAME, atol=0)
+        ]
+        if different := [name for name in others if name not in _SUPPLY_AND_AIR]:
+            raise InputError(
+                "the scene was identified with other springs than those of the rig file",
+                code="scene.other-springs",
+                expected="the springs of the films; supply and air may differ",
+                found=f"another {', '.join(different)}",
+                remedy="give the rig file of the films, or identify the robot with the present springs",
+            )
+        if not others:
+            return self
+        moved = replace(self.springs, **{name: getattr(here, name) for name in others})
+        same = np.isclose(moved.current(0.0), self.springs.current(0.0), rtol=_SAME)
+        return replace(self, springs=moved, filmed_gaits=self.filmed_gaits if same else ())
 
     def filmed_of(self, design: Design) -> list[FilmedGait]:
         """The filmed gaits, if the films show this body with the same ballast; otherwise none. Films show

@@ -85,7 +85,8 @@ def predict_runs(
     runs: Sequence[RecordedRun], scene: PrintedScene | None = None, samples: int = SAMPLES
 ) -> PredictedMotions:
     """Every motion that a report shows beside the camera's, simulated as one batch: of the nominal robots, or
-    of the identified robot of a scene, with its parts as found. `samples`: of the first run's robot."""
+    of the identified robot of a scene, with its parts as found, on the rig of each run. `samples`: of the
+    first run's robot."""
     simulations = [_prepare_run(run, scene) for run in runs]
     sampled = _prepare_samples(runs[0], scene, samples)
     simulations += [_prepare_other(simulations[0], *other) for other in sample_other_robots(runs[0].design)]
@@ -184,7 +185,7 @@ def simulate_evolved(run: RecordedRun) -> Motion:
 def _prepare_run(run: RecordedRun, scene: PrintedScene | None) -> _Simulation:
     body, ballast = run.design.morphology, run.design.ballast / 2
     nominal, _ = run.nominal
-    whole = nominal if scene is None else scene.robot_of(run.design)
+    whole = nominal if scene is None else run.on_rig(scene).robot_of(run.design)
     robot = build(body, whole, ballast=ballast)
     lengths = _free_lengths(run, whole.motor_springs(body.motors), body.motor_hubs)
     s, free = run.schedule, whole.free_lengths
@@ -201,7 +202,8 @@ def _prepare_samples(run: RecordedRun, scene: PrintedScene | None, count: int) -
             body, nominal, design.ballast / 2, design.printed_terrain, tolerances
         )
     else:
-        robots = IdentifiedRobots.of(design, scene, [film.gait for film in scene.filmed_of(design)])
+        here = run.on_rig(scene)
+        robots = IdentifiedRobots.of(design, here, [film.gait for film in here.filmed_of(design)])
     found = []
     for one in robots.samples(count, run.schedule.provenance.seed or 0):
         built = build(body, one, ballast=design.ballast / 2)

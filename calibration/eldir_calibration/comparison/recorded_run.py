@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from eldir.built.robot import PrintedRobot, build
+from eldir.built.scene import PrintedScene
 from eldir.core.records import FloatArray
 from eldir.design import Design, Variant
 from eldir.errors import InputError
@@ -85,6 +86,14 @@ class RecordedRun:
     def nominal(self) -> tuple[RobotParameters, RigTolerances]:
         """The nominal robot on this rig, and how far its rig may be from it, after what was measured."""
         return self.measured.apply(self.rig.nominal_robot(), self.rig.spring_tolerances())
+
+    def on_rig(self, scene: PrintedScene) -> PrintedScene:
+        """A scene with the supply of this rig, in the air of the run. Raises `InputError` for other
+        springs."""
+        springs = self.rig.spring_parameters()
+        if self.measured.room_c is not None:
+            springs = replace(springs, ambient=self.measured.room_c)
+        return scene.on_rig(springs)
 
     @property
     def names(self) -> tuple[str, ...]:

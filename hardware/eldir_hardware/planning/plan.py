@@ -82,25 +82,28 @@ def plan(
     """The schedule of a design on this rig, with its predicted walk.
 
     A filmed gait that walked is kept unless another one is better by the required margin
-    (`eldir.built.gait_choice`). Heat limits come from the rig file alone. `on_stage` is called with the next
-    stage of the computation. Raises `InputError` if the design has more motors than the rig can heat,
+    (`eldir.built.gait_choice`). Heat limits come from the rig file alone, and so do supply and air of the
+    robots of a scene (`PrintedScene.on_rig`). `on_stage` is called with the next stage of the computation.
+    Raises `InputError` if the design has more motors than the rig can heat, or the scene other springs;
     `LimitError` if no gait keeps the limits of the rig.
     """
     motors = design.morphology.motors
     rig.require_motors(motors)
     limits = heating_limits(rig)
     _require_quick_springs(limits, motors)
+    scene = None if config.scene is None else config.scene.on_rig(limits.springs)
     found = find_gait(
         design,
         limits,
         imitate=config.imitate,
         seed=config.seed,
         samples=config.samples,
-        scene=config.scene,
+        scene=scene,
         other_than=config.other_than,
         stage=on_stage,
     )
-    return plan_gait(design, rig, found, config, on_stage)
+    schedule = plan_gait(design, rig, found, replace(config, scene=scene), on_stage)
+    return with_digests(schedule, rig, design, config.scene)
 
 
 def plan_gait(
