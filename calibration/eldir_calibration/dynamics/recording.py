@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -55,6 +55,9 @@ class Recording(Record):
     fell_at: float | None = None
     """When the robot fell over sideways, after which its markers were not seen again [s]; None: it did not,
     as far as the film shows."""
+    room_c: float | None = None
+    """Temperature of the air before the run [C]; None: it was not measured, and is that of the robot's
+    springs."""
 
     def truncate(self, end: float) -> Recording:
         """The part of the recording before `end` [s]."""
@@ -66,6 +69,7 @@ class Recording(Record):
             self.start,
             self.period,
             max(0, int((end - self.start) / self.period + 1e-6)),
+            room_c=self.room_c,
         )
 
     @property
@@ -89,7 +93,8 @@ def predict_markers(
     """Motions of the markers of different robots of one body under each recording's heating, at its frames.
 
     One array (robots, frames, markers, 2) [m] for each recording; NaN from where a robot blew up. All
-    run side by side in the engine's vector lanes. `coarse`: faster and less exact (`PrintedRobot.coarse`).
+    run side by side in the engine's vector lanes, in the air of each recording. `coarse`: faster and less
+    exact (`PrintedRobot.coarse`).
     """
     built = [build(body.morphology, robot, ballast=body.ballast) for robot in robots]
     if coarse:
@@ -99,7 +104,7 @@ def predict_markers(
         [robot.free_lengths for robot in robots],
         join_hubs([body.morphology.motor_hubs] * len(robots)),
     )
-    tables = [table for r in recordings for table in _free_lengths(r.contact_shares, springs, hubs)]
+    tables = [table for r in recordings for table in _free_lengths(r, springs, hubs)]
     runs = len(recordings)
     motions = drive(built * runs, tables, INTERVAL, free=free * runs)
     return [
@@ -122,12 +127,13 @@ def _interpolate_markers(motion: PrintedMotion, marker_masses: IntArray, times: 
 
 
 def _free_lengths(
-    on: FloatArray, springs: Sequence[Sequence[SpringParameters]], hubs: IntArray
+    recording: Recording, springs: Sequence[Sequence[SpringParameters]], hubs: IntArray
 ) -> list[FloatArray]:
     """Free lengths for `drive` of every robot, from the springs of its motors, all heated together. `hubs` of
     the motors of all robots, as `heat` takes them."""
+    on, room = recording.contact_shares, recording.room_c
     motors = on.shape[1]
-    each = [s for own in springs for s in own]
+    each = [s if room is None else replace(s, ambient=room) for own in springs for s in own]
     state = SpringState(np.array([s.ambient for s in each]), np.ones(len(each)))
     history = heat(np.tile(on, (1, len(springs))), INTERVAL, each, state, hubs=hubs)
     cold = np.tile([s.cold_length for s in each], (_REST_INTERVALS + 1, 1))

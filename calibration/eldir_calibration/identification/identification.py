@@ -195,6 +195,7 @@ def read_recording(run: LoggedRun, progress: Callable[[int], None] = lambda fram
         motion.period,
         motion.cycles,
         loss.last_seen_s if loss is not None and loss.fell else None,
+        run.measured.room_c,
     )
 
 

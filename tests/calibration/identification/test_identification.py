@@ -24,7 +24,7 @@ from eldir.parameters.springs import SpringParameters
 from eldir.trajectory import Trajectory
 from eldir_app.commands.calibrate.dynamics import dynamics
 from eldir_calibration.comparison.motions import prepare_report
-from eldir_calibration.comparison.recorded_run import open_run
+from eldir_calibration.comparison.recorded_run import MeasuredConditions, open_run
 from eldir_calibration.dynamics._problem import compute_residual
 from eldir_calibration.dynamics.recording import FilmedBody, Measurements, Recording, predict_markers
 from eldir_calibration.identification.identification import read_filmed_gait, read_films, read_recording
@@ -95,6 +95,20 @@ def test_a_log_becomes_a_recording(log: Path, recording: Recording) -> None:
     )
     with raises(InputError, "log.other-design"):
         open_run(log, make_design(4, Lattice(3, 6)))
+
+
+def test_each_film_is_predicted_in_its_own_air(log: Path) -> None:
+    """As springs in that air would move the robot; without a measured air in that of the rig file."""
+    design = Design.load(log.parent / "design.json")
+    run, body = open_run(log, design), FilmedBody(design.morphology, design.marks)
+    films = [read_recording(replace(run, measured=MeasuredConditions(room))) for room in (None, 27.0)]
+    assert [film.room_c for film in films] == [None, 27.0] and films[1].truncate(40.0).room_c == 27.0
+    nominal = RobotParameters.nominal(run.rig.spring_parameters())
+    warm = replace(nominal, springs=replace(nominal.springs, ambient=27.0))
+    usual, in_warm_air = (x[0] for x in predict_markers(body, films, [nominal]))
+    expected = predict_markers(body, films[:1], [warm])[0][0]
+    np.testing.assert_array_equal(in_warm_air, expected)
+    assert np.abs(in_warm_air - usual).max() > 1e-3
 
 
 def test_a_film_does_not_count_twice(log: Path) -> None:
