@@ -57,7 +57,6 @@ def gait(
     from eldir.design import Design
     from eldir_hardware.planning.plan import PlanConfig, draw_heat
     from eldir_hardware.rig.configuration import Rig
-    from eldir_hardware.rig.supply import find_implausible_springs
     from eldir_hardware.safety.compatibility import packet_wiring
 
     require_ending("--picture", picture, ".png")
@@ -79,7 +78,7 @@ def gait(
         typer.echo(
             f"note: it is not certain that the model in {scene} fits the films, so its values are unreliable"
         )
-    for warning in find_implausible_springs(loaded).values():
+    for warning in _warnings(schedule, loaded):
         typer.echo(f"warning: {warning}", err=True)
     for line in _rig_lines(schedule, loaded, packet_wiring(design, robot.morphology.motors, loaded)):
         typer.echo(line)
@@ -143,6 +142,17 @@ def _prediction_lines(schedule: ActuationSchedule, rig: Rig) -> Iterator[str]:
         yield describe_tolerances(predicted.tolerances, rig)
     if predicted.choice is not None:
         yield predicted.choice
+
+
+def _warnings(schedule: ActuationSchedule, rig: Rig) -> Iterator[str]:
+    """Implausible springs, and thermal switches that open in every cycle."""
+    from eldir_hardware.rig.supply import find_implausible_springs
+    from eldir_hardware.safety.worst_heat import describe_early_cutoff
+
+    yield from find_implausible_springs(rig).values()
+    cycle = schedule.predicted.cycle
+    if cycle is not None and (warning := describe_early_cutoff(rig, max(map(max, cycle.temperature_c)))):
+        yield warning
 
 
 def _rig_lines(schedule: ActuationSchedule, rig: Rig, packet: PacketWiring) -> Iterator[str]:

@@ -20,7 +20,7 @@ from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.supply import coldest_springs, power_shares, scale_by_shares
 from eldir_hardware.safety.compatibility import with_digests
 from eldir_hardware.safety.limits import on_fractions
-from eldir_hardware.safety.worst_heat import run_until_periodic
+from eldir_hardware.safety.worst_heat import describe_early_cutoff, run_until_periodic
 from eldir_hardware.schedule import ActuationSchedule
 
 MIN_PULSE = 0.5
@@ -90,13 +90,14 @@ def hold_temperatures(schedule: ActuationSchedule, rig: Rig, springs: SpringPara
     return HeldTemperatures(low, high, austenite_after_loop(low, high, springs))
 
 
-def describe_hold(schedule: ActuationSchedule, rig: Rig) -> str:
-    """A sentence on the held temperatures."""
+def describe_hold(schedule: ActuationSchedule, rig: Rig) -> tuple[str, str]:
+    """A sentence on the held temperatures, and a warning that thermal switches open before, else empty."""
     usual, coldest = (
         hold_temperatures(schedule, rig, p) for p in (rig.spring_parameters(), coldest_springs(rig))
     )
-    return (
+    sentence = (
         f"springs are held at {usual.min_c:.0f} to {usual.max_c:.0f} C and at least {usual.stroke:.0%} of "
         f"their stroke; at most {schedule.predicted.peak_c:.0f} C, and at least {coldest.min_c:.0f} C, in "
         "the corners of the rig file's tolerances"
     )
+    return sentence, describe_early_cutoff(rig, usual.max_c)

@@ -43,6 +43,7 @@ from eldir_hardware.rig.sections import (
     SensorEntry,
     SpringEntry,
     SupplyEntry,
+    ThermalEntry,
     ThermometerEntry,
     TimerEntry,
     ToleranceEntry,
@@ -210,6 +211,11 @@ class Rig(Section):
     def cutoff_s(self) -> float | None:
         """After how long a timer relay opens a channel [s]."""
         return self.cutoff.max_on_s if isinstance(self.cutoff, TimerEntry) else None
+
+    @property
+    def opens_at_c(self) -> float | None:
+        """Temperature at which the thermal switch on a spring opens [C]."""
+        return self.cutoff.opens_at_c if isinstance(self.cutoff, ThermalEntry) else None
 
     @property
     def springs_per_channel(self) -> int:

@@ -116,6 +116,18 @@ def stuck_temperature(
     return hottest
 
 
+def describe_early_cutoff(rig: Rig, peak_c: float) -> str:
+    """That thermal switches open in normal operation, where the predicted temperature of nominal springs
+    reaches `peak_c` [C]; else empty. No prediction contains the switches."""
+    if rig.opens_at_c is None or peak_c < rig.opens_at_c:
+        return ""
+    return (
+        f"nominal springs would reach {peak_c:.0f} C, but their thermal switches open at "
+        f"{rig.opens_at_c:g} C or before: they stay colder and move less than predicted. Heat less, or take "
+        "switches that open later, and set cutoff.opens_at_c"
+    )
+
+
 def _stuck_error(problem: str, rig: Rig, found: str) -> LimitError:
     """The error for a contact that stays closed and overheats its spring."""
     expected = f"at most {rig.limits.max_temperature_c:g} C"

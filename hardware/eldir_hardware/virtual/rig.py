@@ -120,6 +120,7 @@ class VirtualRig:
             self.clock.now(),
             rig.cutoff_s,
             power_shares(rig, common) if rig.supply.outputs == "shared" else None,
+            rig.opens_at_c,
         )
         self._cold_length = common.cold_length
         self._coils = np.array(

@@ -16,6 +16,9 @@ from eldir_hardware.rig.supply import scale_by_shares
 
 STEP = 0.05
 """Time step [s]; the heat model's error is below 0.001 K."""
+HYSTERESIS_K = 5.0
+"""A thermal switch closes again when its spring is colder by this than where it opened [K]. Bimetal switches
+have 5 to 15 K; with the least the springs stay hottest."""
 
 
 class ThermalSprings:
@@ -29,10 +32,12 @@ class ThermalSprings:
         start: float,
         cutoff_s: float | None = None,
         power_shares: FloatArray | None = None,
+        opens_at_c: float | None = None,
     ):
         """`cutoff_s`: the timer in series with each channel opens after this long [s]. `power_shares`: power
         of a spring while n springs heat, relative to its power alone (`eldir_hardware.rig.supply`); by
-        default always 1."""
+        default always 1. `opens_at_c`: the thermal switch on each spring, in series with it, opens at this
+        temperature [C]."""
         self._columns: dict[int, list[int]] = {}
         for i, channel in enumerate(channels):
             self._columns.setdefault(channel, []).append(i)
@@ -41,6 +46,8 @@ class ThermalSprings:
         self._start = start
         self._cutoff = np.inf if cutoff_s is None else cutoff_s
         self._power_shares = np.ones(len(channels) + 1) if power_shares is None else power_shares
+        self._opens_at = np.inf if opens_at_c is None else opens_at_c
+        self._switch_is_open = np.zeros(len(parameters), dtype=bool)
         self._closed_at: dict[int, float] = {}
         self._power_since: dict[int, tuple[float, float]] = {}  # time, power
         self._pulses: list[tuple[int, float, float, float]] = []
@@ -85,7 +92,7 @@ class ThermalSprings:
                 return 0.0, 0.0
             springs = self._springs_with_leads()
             own = [(springs[i], float(self.state.martensite[i])) for i in self._columns[channel]]
-            if channel in self._broken:
+            if self._is_interrupted(channel):
                 return 0.0, part * own[0][0].supply_voltage
             heated = sum(self._power_at(other, t) >= 1.0 for other in self._columns)
             part *= float(np.sqrt(self._power_shares[max(heated, 1)]))
@@ -114,15 +121,34 @@ class ThermalSprings:
     def advance(self, t: float) -> FloatArray:
         """Advance to the last whole step before `t`; free lengths after each step [m], shape (steps, A)."""
         steps = int(np.floor((t - self._start) / STEP + 1e-6)) - self._steps
-        if steps <= 0:
-            return np.empty((0, len(self.parameters)))
-        with self._lock:  # contact events come from the board's thread
-            share = scale_by_shares(self._heating_shares(steps), self._power_shares)
-        history = heat(share, STEP, self._springs_with_leads(), self.state)
-        self.state = history.final
-        self.max_temperature_c = max(self.max_temperature_c, float(history.temperature.max()))
-        self._steps += steps
-        return history.length
+        lengths = [np.empty((0, len(self.parameters)))]
+        while steps > 0:
+            with self._lock:  # contact events come from the board's thread
+                share = scale_by_shares(self._heating_shares(steps), self._power_shares)
+            history = heat(share, STEP, self._springs_with_leads(), self.state)
+            done = self._operate_switches(history.temperature)
+            temperature = history.temperature[:done]
+            self.state = SpringState(temperature[-1], history.martensite[done - 1])
+            self.max_temperature_c = max(self.max_temperature_c, float(temperature.max()))
+            lengths.append(history.length[:done])
+            self._steps += done
+            steps -= done
+        return np.concatenate(lengths)
+
+    def _operate_switches(self, temperature: FloatArray) -> int:
+        """Open and close thermal switches after the first step in which one does, and return the number of
+        steps until then, at most all. `temperature` after each step [C], shape (steps, A)."""
+        limit = self._opens_at - HYSTERESIS_K * self._switch_is_open
+        changes = (temperature >= limit) != self._switch_is_open
+        first = np.flatnonzero(changes.any(axis=1))[:1]
+        if not len(first):
+            return len(temperature)
+        self._switch_is_open ^= changes[first[0]]
+        return int(first[0]) + 1
+
+    def _is_interrupted(self, channel: int) -> bool:
+        """Whether no current can flow in a channel, for a broken lead or an open thermal switch."""
+        return channel in self._broken or bool(self._switch_is_open[self._columns[channel]].any())
 
     def _springs_with_leads(self) -> list[SpringParameters]:
         """Each spring as the supply sees it: the other one in series, cold, is a resistance of its leads. The
@@ -146,6 +172,6 @@ class ThermalSprings:
         for channel, on, off, power in self._pulses + open_ends:
             overlap = np.minimum(begin + STEP, off) - np.maximum(begin, on)
             heated = power * np.clip(overlap / STEP, 0.0, 1.0)
-            if channel not in self._broken:
+            if not self._is_interrupted(channel):
                 share[:, self._columns[channel]] += heated[:, None]
         return share if self.has_supply else 0.0 * share

@@ -39,11 +39,13 @@ def hold(
     rig, design_file = Rig.load(rig_file), os.path.relpath(design, out.parent)
     schedule = hold_schedule(Design.load(design), rig, power, seconds, spring or (), design_file)
     schedule.save(out)
-    for warning in find_implausible_springs(rig).values():
-        typer.echo(f"warning: {warning}", err=True)
+    held, early_cutoff = describe_hold(schedule, rig)
+    for warning in (*find_implausible_springs(rig).values(), early_cutoff):
+        if warning:
+            typer.echo(f"warning: {warning}", err=True)
     if note := describe_precision(schedule, rig):
         typer.echo(f"note: {note}")
-    typer.echo(describe_hold(schedule, rig))
+    typer.echo(held)
     pulse = max(p.length for p in schedule.pulses())
     typer.echo(
         f"wrote {out}: pulses of {pulse:.3g} s every {schedule.period_s:.3g} s, {schedule.cycles} times"
