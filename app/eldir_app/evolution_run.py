@@ -238,10 +238,10 @@ def _evolve(run: Run, cluster: bool, resume: str) -> bool:
 
 
 def _conditions(run: Run) -> tuple[RejectionReason, ...]:
-    """Conditions on robots that the run folder does not contain."""
-    from eldir_hardware.planning.workshop import make_workshop
+    """Conditions on robots that the run folder does not contain: the build filter with the run's springs."""
+    from eldir_hardware.planning.workshop import make_build_filter
 
-    return (make_workshop().rejection_reason,) if isinstance(run, PrintedRun) else ()
+    return (make_build_filter(run.config.springs),) if isinstance(run, PrintedRun) else ()
 
 
 def print_status(run: Run, as_json: bool) -> None:

@@ -46,7 +46,8 @@ def shortlist(
     from eldir_cad.shortlist.ranking import rank
 
     check_printer(printer)
-    specification, profile = load_specification(parts), load_printer(printer)
+    specification = None if parts is None else load_specification(parts)
+    profile = load_printer(printer)
     identified = None if scene is None else PrintedScene.load(scene)
     designs, folder = load_run(run), open_run(run)
     springs = folder.config.springs if isinstance(folder, PrintedRun) else None

@@ -16,6 +16,7 @@ from eldir.design import marked_masses
 from eldir.lattice import HALF_SIDE
 from eldir.morphology import Morphology
 from eldir.parameters.printed import BuiltParameters
+from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
 from eldir_cad.checks.contacts import Lead, find_contacts, find_leads
 from eldir_cad.checks.kinematics import (
@@ -66,35 +67,43 @@ class CheckedBody(NamedTuple):
     """The wires of its motors, as in `find_leads`; empty for a refused body."""
 
 
-def check(morphology: Morphology, spec: Specification, printer: Printer) -> BuildReport:
+def check(
+    morphology: Morphology, spec: Specification, printer: Printer, springs: SpringParameters | None = None
+) -> BuildReport:
     """Check whether a body can be printed, assembled and driven, and whether it stands.
 
-    A refused body is not checked further, because the simulation of its motion may take long.
+    A refused body is not checked further, because the simulation of its motion may take long. `springs`: of a
+    rig, instead of the coils of the specification.
     """
-    return check_with_leads(morphology, spec, printer).report
+    return check_with_leads(morphology, spec, printer, springs).report
 
 
-def check_with_leads(morphology: Morphology, spec: Specification, printer: Printer) -> CheckedBody:
+def check_with_leads(
+    morphology: Morphology, spec: Specification, printer: Printer, springs: SpringParameters | None = None
+) -> CheckedBody:
     """As `check`, with the wires that it found in the simulated motion."""
+    spec = spec if springs is None else spec.with_coil(springs)
+    springs = springs or spring_parameters(spec)
     violations = [*_check_workspace(morphology, spec), *_check_motors(morphology, spec)]
     figures: dict[str, float] = {}
     leads: list[Lead] = []
     if not violations:
         law = StripLaw.of(spec, printer)
-        motion = simulate_stroke(morphology, spec, law)
+        robot = RobotParameters.nominal(springs, built_parameters(spec, printer)).printed
+        motion = simulate_stroke(morphology, spec, law, (robot.cold_stiffness, robot.hot_stiffness))
         leads = find_leads(motion, morphology, spec)
         for new_violations, values in (
             _check_hinges(morphology, spec),
             _check_mechanisms(morphology, spec),
-            _check_coils(morphology, spec),
+            _check_coils(morphology, spec, springs),
             _check_collisions(motion, morphology, spec),
             _check_strains(motion, morphology, spec, printer, law),
             _check_socket_turns(motion, morphology, spec),
-            _check_stability(motion, morphology, spec, printer),
-            _check_tipping(morphology, spec, printer),
+            _check_stability(motion, morphology, spec, robot),
+            _check_tipping(morphology, spec, robot),
             _check_leads(leads, motion, morphology, spec),
             _check_predictions(spec, printer),
-            _count_parts(morphology, spec, printer),
+            _count_parts(morphology, spec, printer, springs.mass),
         ):
             violations += new_violations
             figures |= {name: round(float(value), 6) for name, value in values.items()}
@@ -178,10 +187,9 @@ def _check_mechanisms(morphology: Morphology, spec: Specification) -> _CheckResu
     return violations, figures
 
 
-def _check_coils(morphology: Morphology, spec: Specification) -> _CheckResult:
+def _check_coils(morphology: Morphology, spec: Specification, springs: SpringParameters) -> _CheckResult:
     """Coils that have less room between fixed masses than they need when hot."""
     fixed = find_held_motors(morphology.positions, morphology.springs, morphology.active)
-    springs = spring_parameters(spec)
     shorter = springs.hot_length - 1e-3 * spec.pitch
     buckles = float(springs.buckling_shortening(np.array(springs.hot_length)))
     violations = []
@@ -260,9 +268,9 @@ def _check_socket_turns(motion: Stroke, morphology: Morphology, spec: Specificat
 
 
 def _check_stability(
-    motion: Stroke, morphology: Morphology, spec: Specification, printer: Printer
+    motion: Stroke, morphology: Morphology, spec: Specification, robot: BuiltParameters
 ) -> _CheckResult:
-    margin = 1e3 * static_margin(build(morphology, built_parameters(spec, printer)))
+    margin = 1e3 * static_margin(build(morphology, robot))
     spread = foot_stroke(motion)
     violations = []
     required, safe = spec.safety.static_margin, spec.safety.static_margin_safe
@@ -301,9 +309,9 @@ def _check_predictions(spec: Specification, printer: Printer) -> _CheckResult:
     return [Violation("parts", "note", ("body",), len(other), "parameters", message, remedy)], {}
 
 
-def _check_tipping(morphology: Morphology, spec: Specification, printer: Printer) -> _CheckResult:
+def _check_tipping(morphology: Morphology, spec: Specification, robot: BuiltParameters) -> _CheckResult:
     """Whether springs of the faces that are heated unlike can tip the robot over sideways."""
-    height = centre_height(build(morphology, built_parameters(spec, printer)), spec)
+    height = centre_height(build(morphology, robot), spec)
     tips, twist = tipping_angle(spec, height), twist_angle(spec)
     margin = tips - twist
     violations = []
@@ -347,8 +355,9 @@ def _check_leads(
     return violations, {"longest_lead_mm": max(lead.length for lead in leads)}
 
 
-def _count_parts(morphology: Morphology, spec: Specification, printer: Printer) -> _CheckResult:
-    """Printed parts and plates of both planes, their resin without supports, and the robot's weight."""
+def _count_parts(morphology: Morphology, spec: Specification, printer: Printer, coil: float) -> _CheckResult:
+    """Printed parts and plates of both planes, their resin without supports, and the robot's weight.
+    `coil`: mass of one [kg]."""
     degree = Counter(morphology.springs.ravel().tolist()).values()
     masses, full = len(degree), sum(n == 6 for n in degree)
     motors = morphology.motors
@@ -371,7 +380,7 @@ def _count_parts(morphology: Morphology, spec: Specification, printer: Printer) 
         "plates": count_plates(sizes, counts, printer),
         "resin_mm3": round(volume, 1),
         "resin_g": round(resin, 2),
-        "robot_g": round(resin + 2 * motors * 1e3 * SpringParameters().mass, 2),
+        "robot_g": round(resin + 2 * motors * 1e3 * coil, 2),
     }
 
 

@@ -29,7 +29,7 @@ _RANK_TOLERANCE = 1e-9  # of the largest singular value
 AT_REST = "at rest"
 """Label of the pose in which no motor is heated."""
 _STEPS = 3  # poses from rest to each end of the stroke
-_COLD_STIFFNESS, _HOT_STIFFNESS = BuiltParameters.cold_stiffness, BuiltParameters.hot_stiffness
+_STIFFNESS = BuiltParameters.cold_stiffness, BuiltParameters.hot_stiffness
 _ANCHOR = 1.0  # stiffness against rigid motions [N/m]; a motor is fifty times stiffer
 
 
@@ -114,14 +114,22 @@ class Stroke:
     """Which motors are cold and which are hot in each pose, as text."""
 
 
-def simulate_stroke(morphology: Morphology, spec: Specification, law: StripLaw) -> Stroke:
-    """Poses for every combination of cold and hot motors, and poses between rest and these."""
+def simulate_stroke(
+    morphology: Morphology,
+    spec: Specification,
+    law: StripLaw,
+    coil_stiffness: tuple[float, float] = _STIFFNESS,
+) -> Stroke:
+    """Poses for every combination of cold and hot motors, and poses between rest and these.
+
+    `coil_stiffness`: of the cold and the hot springs [N/m]; by default the kit's.
+    """
     rest = (morphology.positions - morphology.positions.min(axis=0)) * spec.scale
     poses, labels = [], []
     for ends in product((0, 1), repeat=morphology.motors):
         pose = rest
         goal = np.array(spec.motor_range)[list(ends)]
-        stiffness = np.array([_COLD_STIFFNESS, _HOT_STIFFNESS])[list(ends)] * 1e-3  # [N/mm]
+        stiffness = np.array(coil_stiffness)[list(ends)] * 1e-3  # [N/mm]
         for step in range(1, _STEPS + 1):
             length = spec.pitch + (goal - spec.pitch) * step / _STEPS
             pose = _equilibrium(pose, morphology, spec.pitch, length, stiffness, law)

@@ -13,6 +13,7 @@ from pydantic import Field, model_validator
 from eldir.core.validation import Section, validate
 from eldir.core.yaml_files import read_yaml
 from eldir.lattice import HALF_SIDE
+from eldir.parameters.springs import SpringParameters
 
 Length = Annotated[float, Field(gt=0, le=1000, allow_inf_nan=False)]
 Gap = Annotated[float, Field(ge=0, le=5, allow_inf_nan=False)]
@@ -316,6 +317,16 @@ class Specification(Section):
     def motor_range(self) -> tuple[float, float]:
         """Distance between the centres of an active spring's masses, cold and hot, without load."""
         return self.coil.cold_length + 2 * self.coil_seat, self.coil.hot_length + 2 * self.coil_seat
+
+    def with_coil(self, springs: SpringParameters) -> Specification:
+        """The parts with the coil of these springs, such as those of a rig, on the same fittings."""
+        sizes = {
+            "outer_diameter": 1e3 * (springs.coil_diameter + springs.wire_diameter),
+            "cold_length": 1e3 * springs.cold_length - 2 * self.coil_seat,
+            "hot_length": 1e3 * springs.hot_length - 2 * self.coil_seat,
+        }
+        coil = self.coil.model_copy(update={name: round(size, 6) for name, size in sizes.items()})
+        return self.model_copy(update={"coil": coil})
 
 
 def load_specification(path: Path | None = None) -> Specification:

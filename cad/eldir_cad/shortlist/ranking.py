@@ -124,7 +124,8 @@ def rank(
     spec = fit_to_printer(specification or load_specification(), printer)
     different = _unique_bodies(designs)
     reasons: Counter[str] = Counter()
-    buildable = _filter_buildable(different, spec, printer, reasons, show)
+    rig_springs = springs if specification is None else None  # a parts file has its own coil
+    buildable = _filter_buildable(different, spec, printer, rig_springs, reasons, show)
     nominal = RobotParameters.nominal(springs or spring_parameters(spec), built_parameters(spec, printer))
     robot = nominal if scene is None else scene.robot.uniform
     with_hubs = RobotParameters.nominal(nominal.springs, hub_parameters(spec, printer))
@@ -164,12 +165,17 @@ def rank(
 
 
 def _filter_buildable(
-    designs: Sequence[Design], spec: Specification, printer: Printer, reasons: Counter[str], show: Progress
+    designs: Sequence[Design],
+    spec: Specification,
+    printer: Printer,
+    springs: SpringParameters | None,
+    reasons: Counter[str],
+    show: Progress,
 ) -> list[tuple[Design, BuildReport]]:
     """The designs that pass the build filter; the others are counted in `reasons`."""
     buildable: list[tuple[Design, BuildReport]] = []
     for i, design in enumerate(designs):
-        report = check(design.morphology, spec, printer)
+        report = check(design.morphology, spec, printer, springs)
         violation = next((v.kind for v in report.violations if v.severity != "note"), None)
         if violation is not None:
             reasons[violation] += 1

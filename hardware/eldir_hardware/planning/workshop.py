@@ -10,10 +10,11 @@ import numpy as np
 from eldir import defaults
 from eldir.built.gait import Gait
 from eldir.errors import InputError
-from eldir.evolution.printed.configuration import BuildConditions
+from eldir.evolution.printed.configuration import BuildConditions, RejectionReason
 from eldir.evolution.printed.genome import Timing
 from eldir.morphology import Morphology
 from eldir.parameters.robot import RobotParameters
+from eldir.parameters.springs import SpringParameters
 from eldir_cad.checks.buildability import check
 from eldir_cad.checks.strip_law import built_parameters, spring_parameters
 from eldir_cad.kit import PRINTER
@@ -32,23 +33,30 @@ def make_workshop(rig: Path | None = None) -> BuildConditions:
     """
     printer = load_printer(PRINTER)
     spec = fit_to_printer(load_specification(), printer)
-
-    def rejection_reason(body: Morphology) -> str:
-        violations = check(body, spec, printer).violations
-        return next((v.kind for v in violations if v.severity != "note"), "")
-
     printed, springs = built_parameters(spec, printer), spring_parameters(spec)
     if rig is None:
         default_timings = tuple(Timing(*timing) for timing in defaults.PRINTED_TIMINGS)
         springs = replace(springs, current_limit=CURRENT_LIMIT_A)
-        return BuildConditions(printed, springs, defaults.PRINTED_MOTORS, default_timings, rejection_reason)
+        motors, rejection = defaults.PRINTED_MOTORS, make_build_filter(springs)
+        return BuildConditions(printed, springs, motors, default_timings, rejection)
     loaded = Rig.load(rig)
     require_measured(loaded)
     loaded.require_own_outputs("evolve without --rig; eldir gait predicts walks with this rig file")
     robot = RobotParameters.nominal(loaded.spring_parameters(), printed)
-    return BuildConditions(
-        robot.printed, robot.springs, loaded.motors, allowed_timings(loaded), rejection_reason
-    )
+    rejection = make_build_filter(robot.springs)
+    return BuildConditions(robot.printed, robot.springs, loaded.motors, allowed_timings(loaded), rejection)
+
+
+def make_build_filter(springs: SpringParameters) -> RejectionReason:
+    """The build filter of the default parts and printer, for bodies with these springs as motors."""
+    printer = load_printer(PRINTER)
+    spec = fit_to_printer(load_specification(), printer)
+
+    def rejection_reason(body: Morphology) -> str:
+        violations = check(body, spec, printer, springs).violations
+        return next((v.kind for v in violations if v.severity != "note"), "")
+
+    return rejection_reason
 
 
 def allowed_timings(rig: Rig) -> tuple[Timing, ...]:

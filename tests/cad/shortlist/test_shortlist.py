@@ -184,13 +184,13 @@ def test_the_command_reads_a_run(tmp_path, capsys, monkeypatch):
     seen = []
 
     def ranked_at_once(designs, top, specification, *others):
-        seen.append((len(designs), top, specification.strip.turn_deg))
+        seen.append((len(designs), top, specification))
         return rank([design(*TOWER)], top)
 
     monkeypatch.setattr(module, "rank", ranked_at_once)
     with raises(EldirError, "shortlist.empty"):
         command(tmp_path / "run", tmp_path / "out", top=3)
-    assert seen == [(6, 3, 15.0)]
+    assert seen == [(6, 3, None)], "the kit, in which the run's springs replace the coil"
     assert not (tmp_path / "out").exists()
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,15 +11,21 @@ import pytest
 from eldir import defaults
 from eldir.built.gait import Gait
 from eldir.errors import InputError
+from eldir.evolution.printed.run_folder import PrintedRun
+from eldir.lattice import Lattice
+from eldir.parameters.springs import SpringParameters
+from eldir_app import evolution_run
 from eldir_cad.checks.buildability import check
-from eldir_cad.kit.printer import load_printer
-from eldir_cad.kit.specification import load_specification
+from eldir_cad.kit.printer import fit_to_printer, load_printer
+from eldir_cad.kit.specification import Specification, load_specification
 from eldir_hardware.planning.compiler import compile_schedule
 from eldir_hardware.planning.workshop import allowed_timings, make_workshop
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.template import virtual_rig
 from eldir_hardware.safety.limits import LimitError
 from tests.cad.drawn_bodies import TOWER, WHEEL, design
+from tests.eldir.evolution.printed.small_searches import SMALL
+from tests.eldir.random_design import make_design
 from tests.hardware.rigs_and_schedules import rig_with
 from tests.raised import raises
 
@@ -68,3 +75,44 @@ def test_the_build_filter_refuses() -> None:
 def test_a_missing_rig_is_named(tmp_path: Path) -> None:
     with raises(InputError, "file.missing", match=r"rig\.yaml"):
         make_workshop(tmp_path / "rig.yaml")
+
+
+CLOSE = make_design(0, Lattice(3, 6)).morphology
+"""A body whose kit coil just clears the strips beside it."""
+
+
+def test_the_build_filter_has_the_coil_of_the_rig(tmp_path: Path) -> None:
+    """At once, and in a run that is resumed without the rig file: a body that the kit's coil clears is
+    refused for one of 13 mm and 1.5 mm wire that extends to 90 mm."""
+    wide = {"coil_diameter_mm": 13.0, "wire_diameter_mm": 1.5, "hot_length_mm": 90.0, "resistance_ohm": 0.49}
+    (tmp_path / "rig.yaml").write_bytes(rig_with(springs=wide).source)
+    conditions = make_workshop(tmp_path / "rig.yaml")
+    assert make_workshop().rejection_reason(CLOSE) == ""
+    assert conditions.rejection_reason(CLOSE) == "collision"
+    config = replace(SMALL, springs=conditions.springs, printed=conditions.printed)
+    for springs, reason in ((config.springs, "collision"), (make_workshop().springs, "")):
+        run = PrintedRun.create(tmp_path / f"run{reason}", replace(config, springs=springs))
+        (rejection_reason,) = evolution_run._conditions(run)
+        assert rejection_reason(CLOSE) == reason
+
+
+def test_other_coils_are_checked_as_those_of_a_parts_file() -> None:
+    printer, kit = load_printer(), load_specification()
+    longer = kit.model_dump() | {"coil": kit.coil.model_dump() | {"outer_diameter": 8.0, "hot_length": 66.0}}
+    springs = replace(SpringParameters(), coil_diameter=7.25e-3, hot_length=81e-3)
+    spec = kit.with_coil(springs)
+    assert spec == Specification.model_validate(longer)
+    found = check(CLOSE, kit, printer, springs)
+    assert found.figures["collisions"] == check(CLOSE, spec, printer).figures["collisions"]
+    wire = np.pi / 4 * 0.75e-3**2 * np.pi * 0.75e-3 * 26.7 * 6450
+    heavier = found.figures["robot_g"] - check(CLOSE, kit, printer).figures["robot_g"]
+    assert heavier == pytest.approx(2 * 1e3 * wire, abs=0.011), "two coils"
+
+
+def test_the_kits_springs_leave_the_parts_and_the_report_as_they_are() -> None:
+    printer = load_printer()
+    spec = fit_to_printer(load_specification(), printer)
+    for springs in (SpringParameters(), make_workshop().springs, rig_with().spring_parameters()):
+        assert spec.with_coil(springs) == spec
+        for body in (CLOSE, design(*TOWER).morphology):
+            assert check(body, spec, printer, springs) == check(body, spec, printer)
