@@ -154,6 +154,7 @@ def create_printed_run(out: Path, options: NewRunOptions) -> PrintedRun:
         printed=conditions.printed,
         springs=conditions.springs,
         timings=conditions.timings,
+        tolerances=conditions.tolerances,
         terrain=options.ground("printed", conditions.printed.scale),
     )
     return PrintedRun.create(out, config)

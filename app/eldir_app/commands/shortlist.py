@@ -50,10 +50,11 @@ def shortlist(
     profile = load_printer(printer)
     identified = None if scene is None else PrintedScene.load(scene)
     designs, folder = load_run(run), open_run(run)
-    springs = folder.config.springs if isinstance(folder, PrintedRun) else None
+    config = folder.config if isinstance(folder, PrintedRun) else None
+    springs, tolerances = (None, None) if config is None else (config.springs, config.tolerances)
     with progress_bar(note="ranking: 1 to 5 minutes") as progress:
         show = show_stages(progress)
-        best = rank(designs, top, specification, profile, seed, show, identified, springs)
+        best = rank(designs, top, specification, profile, seed, show, identified, springs, tolerances)
     rows = write_shortlist(best, out)
     if as_json:
         print(json.dumps([row.to_json() for row in rows], indent=1))

@@ -32,6 +32,7 @@ from eldir.lattice import HALF_SIDE
 from eldir.morphology import Morphology
 from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
+from eldir.parameters.tolerances import RigTolerances
 from eldir_cad.checks.buildability import check
 from eldir_cad.checks.lateral_stability import LateralStability, predict_lateral_stability
 from eldir_cad.checks.strip_law import built_parameters, hub_parameters, spring_parameters
@@ -108,14 +109,16 @@ def rank(
     progress: Progress | None = None,
     scene: PrintedScene | None = None,
     springs: SpringParameters | None = None,
+    tolerances: RigTolerances | None = None,
 ) -> Shortlist:
     """The `top` designs whose samples walk farthest (`SampledWalks.fitness`), each in its best gait. First
     come different bodies that walk forward; then bodies that a better design has; then designs whose
     prediction is doubtful because of ties; then those that may fall over sideways.
 
     All walk on the ground of the designs (`Design.printed_terrain`), one for all. `scene`: an identified
-    robot; then the samples are of its uncertainty. `springs`: nominal springs on the supply of a rig.
-    `progress` is called with the name of the stage and the completed share of it.
+    robot; then the samples are of its uncertainty. `springs`: nominal springs on the supply of a rig, with
+    its `tolerances`, by default those of a new rig file. `progress` is called with the name of the stage and
+    the completed share of it.
     """
     show = progress or (lambda _stage, _share: None)
     one_ground = all(d.printed_terrain == designs[0].printed_terrain for d in designs)
@@ -135,7 +138,9 @@ def rank(
         design, report = buildable[s.index]
         body = design.morphology
         robots = (
-            NominalRobots(body, with_hubs, terrain=design.printed_terrain)
+            NominalRobots(
+                body, with_hubs, terrain=design.printed_terrain, tolerances=tolerances or RigTolerances()
+            )
             if scene is None
             else IdentifiedRobots(
                 body,

@@ -21,6 +21,7 @@ from eldir.morphology import Morphology
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
+from eldir.parameters.tolerances import RigTolerances
 from eldir.terrain import Terrain
 
 _MAX_MOTORS = 4
@@ -32,7 +33,7 @@ RejectionReason = Callable[[Morphology], str]
 class PrintedEvolutionConfig(Record):
     """How printed robots are evolved."""
 
-    OPTIONAL = frozenset({"terrain"})
+    OPTIONAL = frozenset({"terrain", "tolerances"})
 
     lattice: Lattice = field(default_factory=lambda: Lattice(*defaults.PRINTED_LATTICE))
     """Size of the lattice in which bodies lie."""
@@ -56,6 +57,10 @@ class PrintedEvolutionConfig(Record):
     """Periods and times of heating that the rig allows."""
     terrain: Annotated[Terrain | None, OMITTED] = None
     """The ground [m, of the printed robot]; by default a table."""
+    tolerances: Annotated[RigTolerances, Field(exclude_if=lambda value: value == RigTolerances())] = field(
+        default_factory=RigTolerances
+    )
+    """Tolerances of the rig on which the samples walk; left out where they are those of a new rig file."""
 
     def __post_init__(self) -> None:
         if self.terrain is not None:
@@ -90,3 +95,5 @@ class BuildConditions:
     """Periods and times of heating that the rig allows."""
     rejection_reason: RejectionReason
     """Says why a body cannot be built; empty if it can."""
+    tolerances: RigTolerances = field(default_factory=RigTolerances)
+    """How far the springs of such a rig may be from nominal."""

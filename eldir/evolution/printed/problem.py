@@ -239,7 +239,7 @@ class PrintedProblem:
     def _batch(
         self, trial: Callable[..., FloatArray], tasks: Sequence[Trial], first: float, last: float
     ) -> TrialBatch:
-        return TrialBatch(trial, tasks, (first, last), (self.config.nominal,))
+        return TrialBatch(trial, tasks, (first, last), (self.config.nominal, self.config.tolerances))
 
     def _gait(self, candidate: Candidate) -> Gait:
         return candidate.genome.gait(candidate.body, self.config.timings)

@@ -19,6 +19,7 @@ from eldir.built.walking import displacements
 from eldir.core.records import FloatArray
 from eldir.morphology import Morphology
 from eldir.parameters.robot import RobotParameters
+from eldir.parameters.tolerances import RigTolerances
 from eldir.terrain import Terrain
 
 LANES = 8
@@ -59,27 +60,36 @@ def make_screening_trial(
     return Trial(body, tuple(gaits), seed, terrain=terrain)
 
 
-def screen_gaits(trials: Sequence[Trial], nominal: RobotParameters) -> FloatArray:
-    """Walks of one sample with each gait, one counted cycle, shape (trials, LANES)."""
+def screen_gaits(
+    trials: Sequence[Trial], nominal: RobotParameters, tolerances: RigTolerances | None = None
+) -> FloatArray:
+    """Walks of one sample with each gait, one counted cycle, shape (trials, LANES). `tolerances` of the rig
+    on which all samples walk, in all kinds of trials: by default those of a new rig file."""
     lanes = [(t, g, k) for t in trials for k, g in enumerate(t.gaits)]
-    return _walks(lanes, nominal).reshape(-1, LANES)
+    return _walks(lanes, nominal, tolerances).reshape(-1, LANES)
 
 
-def compare_gaits(trials: Sequence[Trial], nominal: RobotParameters) -> FloatArray:
+def compare_gaits(
+    trials: Sequence[Trial], nominal: RobotParameters, tolerances: RigTolerances | None = None
+) -> FloatArray:
     """Expected walks with each of two gaits: four samples with hubs, one counted cycle, shape (trials, 2)."""
     lanes = [(t, t.gaits[g], k) for t in trials for g in range(_COMPARED_GAITS) for k in range(_SAMPLES_EACH)]
-    walks = _walks(lanes, _with_hubs(nominal))
+    walks = _walks(lanes, _with_hubs(nominal), tolerances)
     return count_falls_as_zero(walks).reshape(-1, _COMPARED_GAITS, _SAMPLES_EACH).mean(axis=2)
 
 
-def evaluate_walks(trials: Sequence[Trial], nominal: RobotParameters) -> FloatArray:
+def evaluate_walks(
+    trials: Sequence[Trial], nominal: RobotParameters, tolerances: RigTolerances | None = None
+) -> FloatArray:
     """Walks of eight samples from `first` on, each trial with its only gait, shape (trials, FRESH); a fall
     counts as no walk. The samples have hubs: pins promise walks that hubs do not keep."""
     lanes = [(t, t.gaits[0], t.first + k) for t in trials for k in range(FRESH)]
-    return count_falls_as_zero(_walks(lanes, _with_hubs(nominal))).reshape(-1, FRESH)
+    return count_falls_as_zero(_walks(lanes, _with_hubs(nominal), tolerances)).reshape(-1, FRESH)
 
 
-def walk_on_slopes(trials: Sequence[Trial], nominal: RobotParameters) -> FloatArray:
+def walk_on_slopes(
+    trials: Sequence[Trial], nominal: RobotParameters, tolerances: RigTolerances | None = None
+) -> FloatArray:
     """Expected walks down and up a slope of 2 degrees, each trial with its only gait: four samples, one
     counted cycle, shape (trials, 2)."""
     slopes = [
@@ -87,7 +97,8 @@ def walk_on_slopes(trials: Sequence[Trial], nominal: RobotParameters) -> FloatAr
     ]
     lanes = [(t, t.gaits[0], k) for t in trials for _ in slopes for k in range(_SAMPLES_EACH)]
     tilted = [slope for _ in trials for slope in slopes for _ in range(_SAMPLES_EACH)]
-    return count_falls_as_zero(_walks(lanes, tilted)).reshape(-1, len(slopes), _SAMPLES_EACH).mean(axis=2)
+    walks = count_falls_as_zero(_walks(lanes, tilted, tolerances))
+    return walks.reshape(-1, len(slopes), _SAMPLES_EACH).mean(axis=2)
 
 
 def _with_hubs(nominal: RobotParameters) -> RobotParameters:
@@ -102,13 +113,17 @@ def count_falls_as_zero(walks: FloatArray) -> FloatArray:
 def _walks(
     lanes: Sequence[tuple[Trial, Gait, int]],
     nominal: RobotParameters | Sequence[RobotParameters],
+    tolerances: RigTolerances | None,
 ) -> FloatArray:
     """Walks [body lengths per five cycles] of one sample for each lane, shape (lanes,); minus infinity where
     it fell, folded or came near to buckling a coil. `nominal`: one robot for all lanes or one for each, which
     differ in their mechanics alone."""
     robots_of = [nominal] * len(lanes) if isinstance(nominal, RobotParameters) else nominal
+    allowed = tolerances or RigTolerances()
     samples = [
-        NominalRobots(trial.body, robot).sample(np.random.default_rng([*trial.seed, number]))
+        NominalRobots(trial.body, robot, tolerances=allowed).sample(
+            np.random.default_rng([*trial.seed, number])
+        )
         for (trial, _, number), robot in zip(lanes, robots_of, strict=True)
     ]
     robots = [build(trial.body, s).coarse() for (trial, _, _), s in zip(lanes, samples, strict=True)]

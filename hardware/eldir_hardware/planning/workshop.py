@@ -43,8 +43,14 @@ def make_workshop(rig: Path | None = None) -> BuildConditions:
     require_measured(loaded)
     loaded.require_own_outputs("evolve without --rig; eldir gait predicts walks with this rig file")
     robot = RobotParameters.nominal(loaded.spring_parameters(), printed)
-    rejection = make_build_filter(robot.springs)
-    return BuildConditions(robot.printed, robot.springs, loaded.motors, allowed_timings(loaded), rejection)
+    return BuildConditions(
+        robot.printed,
+        robot.springs,
+        loaded.motors,
+        allowed_timings(loaded),
+        make_build_filter(robot.springs),
+        loaded.spring_tolerances(),
+    )
 
 
 def make_build_filter(springs: SpringParameters) -> RejectionReason:

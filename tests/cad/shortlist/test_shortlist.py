@@ -16,11 +16,15 @@ from eldir.built.screening import ScreeningResult
 from eldir.built.walking import displacements
 from eldir.design import Design
 from eldir.errors import EldirError, InputError
+from eldir.evolution import designs as designs_of_runs
 from eldir.evolution.paper.configuration import EvolutionConfig
 from eldir.evolution.paper.run_folder import RunFolder
+from eldir.evolution.printed.configuration import PrintedEvolutionConfig
+from eldir.evolution.printed.run_folder import PrintedRun
 from eldir.lattice import Lattice
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.springs import SpringParameters
+from eldir.parameters.tolerances import RigTolerances
 from eldir_app.commands.shortlist import shortlist as command
 from eldir_cad.checks.lateral_stability import predict_lateral_stability
 from eldir_cad.checks.tipping import with_gap
@@ -194,6 +198,17 @@ def test_the_command_reads_a_run(tmp_path, capsys, monkeypatch):
     assert not (tmp_path / "out").exists()
 
 
+def test_the_command_takes_springs_and_tolerances_from_the_run(tmp_path, monkeypatch):
+    springs, tolerances = SpringParameters(current_limit=3.45), RigTolerances(0.01, 0.08, 21.0, 23.0)
+    PrintedRun.create(tmp_path / "run", PrintedEvolutionConfig(springs=springs, tolerances=tolerances))
+    seen = []
+    monkeypatch.setattr(designs_of_runs, "load_run", lambda _: [WALKER])
+    monkeypatch.setattr(module, "rank", lambda *values: seen.append(values[-2:]) or Shortlist((), 0, {}))
+    with raises(EldirError, "shortlist.empty"):
+        command(tmp_path / "run", tmp_path / "out", top=3)
+    assert seen == [(springs, tolerances)]
+
+
 def test_an_existing_folder_is_refused_before_anything_is_done(tmp_path):
     (tmp_path / "out").mkdir()
     with raises(EldirError, "file.exists"):
@@ -214,10 +229,11 @@ def test_what_evolved_with_a_gait_walks_in_it_and_falls_count(tmp_path, monkeypa
     designs = [
         replace(d, provenance={"gait": evolved.to_json()}, printed_terrain=ground) for d in (WALKER, other)
     ]
+    narrow = RigTolerances(0.01, 0.08, 21.0, 23.0)
     walks = {17 + 23: [2.0, -np.inf, 2.1, -np.inf], 17 + 22: [1.4, 1.5, 1.4, 1.5]}
 
     def sampled(robots, gaits, seed, coarse):
-        assert coarse == (ground is None) and robots.terrain == ground
+        assert coarse == (ground is None) and robots.terrain == ground and robots.tolerances == narrow
         assert [g.phase[1] for g in gaits] == [0.4]
         motors = int(np.flatnonzero(robots.morphology.active).sum())
         return [SampledWalks(np.array(walks[motors]), np.zeros(4))]
@@ -226,7 +242,7 @@ def test_what_evolved_with_a_gait_walks_in_it_and_falls_count(tmp_path, monkeypa
     monkeypatch.setattr(module, "screen", lambda *_, **__: pytest.fail("phases were searched"))
     monkeypatch.setattr(module, "check", lambda *_: BuildReport.of((), {}))
     monkeypatch.setattr(module, "walk", lambda *_, **__: 1.9)
-    found = rank(designs, top=2, springs=SpringParameters(current_limit=3.45))
+    found = rank(designs, top=2, springs=SpringParameters(current_limit=3.45), tolerances=narrow)
     assert [c.spread.displacement.tolist() for c in found.candidates] == [walks[39], walks[40]]
     assert [c.gait.method for c in found.candidates] == ["evolved", "evolved"]
     rows = write_shortlist(found, tmp_path / "list")

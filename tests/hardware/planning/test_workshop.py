@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from eldir.errors import InputError
 from eldir.evolution.printed.run_folder import PrintedRun
 from eldir.lattice import Lattice
 from eldir.parameters.springs import SpringParameters
+from eldir.parameters.tolerances import RigTolerances
 from eldir_app import evolution_run
 from eldir_cad.checks.buildability import check
 from eldir_cad.kit.printer import fit_to_printer, load_printer
@@ -28,6 +30,12 @@ from tests.eldir.evolution.printed.small_searches import SMALL
 from tests.eldir.random_design import make_design
 from tests.hardware.rigs_and_schedules import rig_with
 from tests.raised import raises
+
+UNSTATED: dict[str, Any] = dict.fromkeys(f.name for f in fields(evolution_run.NewRunOptions)) | {
+    "objective": "printed",
+    "terrain": "flat",
+    "seed": 0,
+}
 
 
 @pytest.fixture(scope="module")
@@ -59,6 +67,19 @@ def test_a_rig_with_tighter_limits_allows_less() -> None:
         compile_schedule(Gait(t.period, np.array([0.0, 0.5]), np.full(2, t.heating / t.period)), tight)
     with pytest.raises(LimitError):
         compile_schedule(Gait(20.0, np.array([0.0, 0.5]), np.full(2, 0.3)), tight)
+
+
+def test_a_new_run_has_the_tolerances_of_its_rig(tmp_path: Path, template: Path) -> None:
+    """And without a rig, or with the template's, none in its file."""
+    rig = rig_with(tolerances={"current": 0.02, "ambient_min_c": 21, "ambient_max_c": 24})
+    (tmp_path / "rig.yaml").write_bytes(rig.source)
+    for number, file in enumerate((None, template, tmp_path / "rig.yaml")):
+        options = evolution_run.NewRunOptions(**UNSTATED | {"rig": file})
+        evolution_run.create_printed_run(tmp_path / f"run{number}", options)
+        run = PrintedRun.open(tmp_path / f"run{number}")
+        known = run.config.to_json().get("tolerances")
+        assert run.config.tolerances == (RigTolerances() if number < 2 else rig.spring_tolerances())
+        assert known == (None if number < 2 else rig.spring_tolerances().to_json())
 
 
 def test_the_build_filter_refuses() -> None:

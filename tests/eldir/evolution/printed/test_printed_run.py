@@ -46,6 +46,7 @@ from eldir.evolution.workers import LocalWorkers
 from eldir.lattice import Lattice
 from eldir.learning import learn
 from eldir.morphology import Morphology
+from eldir.parameters.tolerances import RigTolerances
 from eldir.scene import Scene
 from eldir_app.application import application
 from tests.eldir.evolution.evolve_processes import contents, start
@@ -269,6 +270,16 @@ def test_configurations_that_make_no_sense(name: str, wrong: object, code: str, 
     with raises(InputError, f"printed-evolution.{code}", key):
         replace(SMALL, **{name: wrong})
     assert PrintedEvolutionConfig.from_json(SMALL.to_json()) == SMALL
+
+
+def test_a_run_has_the_tolerances_of_its_rig() -> None:
+    """A run without them is written as before they were in the file, and both are read."""
+    assert replace(SMALL, tolerances=RigTolerances()) == SMALL and "tolerances" not in SMALL.to_json()
+    narrow = replace(SMALL, tolerances=RigTolerances(0.01, 0.08, 21.0, 23.0))
+    assert narrow.to_json() == SMALL.to_json() | {"tolerances": narrow.tolerances.to_json()}
+    assert PrintedEvolutionConfig.from_json(narrow.to_json()) == narrow != SMALL
+    batch = PrintedProblem(narrow).evaluate(PrintedProblem(narrow).random(0, np.random.default_rng(3)), [])
+    assert next(batch).arguments == (narrow.nominal, narrow.tolerances)
 
 
 def test_bodies_that_never_stand_end_the_run(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -27,6 +27,7 @@ from eldir.genotype import random_genotypes
 from eldir.lattice import Lattice
 from eldir.morphology import Morphology, develop
 from eldir.parameters.robot import RobotParameters
+from eldir.parameters.tolerances import RigTolerances
 from tests.eldir.built.braced_robots import body
 from tests.eldir.evolution.printed.small_searches import BODY, GAIT, SMALL, genomes
 
@@ -43,9 +44,10 @@ def alone(
     seed: tuple[int, ...],
     cycles: int,
     max_coil_load: float = 1.0,
+    tolerances: RigTolerances = RigTolerances(),  # noqa: B008  # frozen
 ) -> float:
     """The walk of one sample, a coarse robot by itself."""
-    sample = NominalRobots(body, nominal).sample(np.random.default_rng(seed))
+    sample = NominalRobots(body, nominal, tolerances=tolerances).sample(np.random.default_rng(seed))
     table = free_lengths(gait, sample.motor_springs(body.motors), cycles)
     robot = build(body, sample).coarse()
     free = nominal.free_lengths
@@ -99,6 +101,20 @@ def test_slopes_are_two_degrees_either_way() -> None:
         walks = count_falls_as_zero(np.array([alone(BODY, GAIT, sloping, (8, k), 1, 0.75) for k in range(4)]))
         assert found[1, column] == pytest.approx(walks.mean(), abs=1e-9)
     assert (found[:, 0] > found[:, 1]).all()  # downhill is farther
+
+
+def test_samples_have_the_tolerances_of_the_rig() -> None:
+    """In each kind of trial: with a well-measured rig in an even room they differ less."""
+    narrow = RigTolerances(0.01, 0.08, 21.0, 23.0)
+    hubs = replace(NOMINAL, printed=NOMINAL.printed.with_hubs())
+    (found,) = evaluate_walks([Trial(BODY, (GAIT,), (9,))], NOMINAL, narrow)
+    for k in (0, 3):
+        walk = count_falls_as_zero(np.array(alone(BODY, GAIT, hubs, (9, k), 1, 0.75, narrow)))
+        assert found[k] == pytest.approx(float(walk), abs=1e-9)
+    for kind in (screen_gaits, compare_gaits, evaluate_walks, walk_on_slopes):
+        trial = Trial(BODY, (GAIT,) * (LANES if kind is screen_gaits else 2), (9,))
+        usual, same, other = (kind([trial], NOMINAL, *t) for t in ((), (RigTolerances(),), (narrow,)))
+        assert np.array_equal(usual, same) and not np.array_equal(usual, other)
 
 
 def test_a_further_look_has_fresh_samples() -> None:
