@@ -40,7 +40,7 @@ from eldir_hardware.safety.compatibility import (
     schedule_digest,
 )
 from eldir_hardware.schedule import ActuationSchedule
-from eldir_hardware.virtual.bodies import physics_version
+from eldir_hardware.virtual.bodies import find_parameters, physics_version
 from eldir_hardware.virtual.rig import BodyFrame, DrivenBody, VirtualRig
 
 _ARMING = 1.5  # the schedule starts after this time, or later if arming takes longer [s]
@@ -344,13 +344,8 @@ def _open_virtual(
     on_body: Callable[[BodyFrame], None],
     room_c: float | None,
 ) -> Iterator[OpenedRig]:
-    from eldir_hardware.virtual.bodies import far_robot
-
     rig.require_motors(design.morphology.motors)
-    printed, springs = None, rig.spring_parameters()
-    if rig.virtual.parameter_spread == "large":
-        far = far_robot(rig)
-        printed, springs = far.printed, far.springs
+    printed, springs = find_parameters(rig)
     entry = rig.camera if isinstance(rig.camera, VirtualCameraEntry) else None
     with _open_body(rig, design, springs, printed) as body, VirtualRig(rig, body, springs) as virtual:
         camera = None if entry is None else virtual_camera(rig, entry, body, schedule, lay_on_table(design))

@@ -75,6 +75,15 @@ def physics_version(physics: Physics) -> str:
     return f"eldir {__version__}"
 
 
+def find_parameters(rig: Rig) -> tuple[BuiltParameters | None, SpringParameters]:
+    """Parameters of the robot of a virtual rig by its `parameter_spread`: of its parts, None where
+    `virtual_body` takes them from the seed, and the springs from which its own deviate."""
+    if rig.virtual.parameter_spread == "large":
+        far = far_robot(rig)
+        return far.printed, far.springs
+    return None, rig.spring_parameters()
+
+
 def far_robot(rig: Rig) -> RobotParameters:
     """The robot of a virtual rig with `parameter_spread: large`."""
     nominal, known = RobotParameters.nominal(rig.spring_parameters()), rig.tolerances.measured_fields

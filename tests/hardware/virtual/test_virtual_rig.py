@@ -14,7 +14,7 @@ from eldir_hardware.relay.errors import ContactError, RelayError
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.run.player import Player
 from eldir_hardware.schedule import ActuationSchedule
-from eldir_hardware.virtual.bodies import far_robot
+from eldir_hardware.virtual.bodies import far_robot, find_parameters
 from eldir_hardware.virtual.rig import VirtualRig
 from eldir_hardware.virtual.springs import STEP
 from tests.hardware.rigs_and_schedules import gait, rig_with
@@ -135,6 +135,16 @@ def test_a_far_rig_has_springs_of_its_own():
         < 3e-3
         < abs(springs.cold_length - far.springs.cold_length_mm * 1e-3)
     )
+
+
+def test_the_file_decides_whether_the_robot_is_far():
+    """As `eldir rig drive` and the ROS node take it: other parts and other springs."""
+    near, far = (rig_with(virtual={"seed": 5, "parameter_spread": spread}) for spread in ("small", "large"))
+    assert find_parameters(near) == (None, near.spring_parameters())
+    robot = far_robot(far)
+    assert find_parameters(far) == (robot.printed, robot.springs)
+    assert abs(robot.printed.hot_stiffness / near.nominal_robot().printed.hot_stiffness - 1) > 0.02
+    assert robot.springs != near.spring_parameters()
 
 
 @pytest.mark.parametrize(("tolerance", "measured"), [(0.05, False), (0.02, True)])

@@ -25,7 +25,7 @@ from eldir_hardware.realtime import EMULATED_HARDWARE, request_realtime_priority
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.sections import VirtualCameraEntry
 from eldir_hardware.safety.latch import unlatch
-from eldir_hardware.virtual.bodies import BodyProcess
+from eldir_hardware.virtual.bodies import BodyProcess, find_parameters
 from eldir_hardware.virtual.rig import BodyFrame, VirtualRig
 from eldir_ros.base.frames import frame_name
 from eldir_ros.base.parameters import declare_parameters, find_file, get_file
@@ -66,7 +66,7 @@ class VirtualBenchNode(Node):
         rig.require_motors(design.morphology.motors)
         trace, link = find_file(self, "trace"), find_file(self, "port")
         self._trace = None if trace is None else opened.enter_context(trace.open("w", buffering=1))
-        virtual, springs = rig.virtual, rig.spring_parameters()
+        virtual, (printed, springs) = rig.virtual, find_parameters(rig)
         body = opened.enter_context(
             BodyProcess(
                 virtual.physics,
@@ -74,12 +74,13 @@ class VirtualBenchNode(Node):
                 virtual.seed,
                 springs,
                 design.ballast,
+                printed,
                 terrain=lay_on_table(design),
                 dimensions=virtual.dimensions,
             )
         )
         self._body, self._logged_remark = body, ""
-        self._rig = opened.enter_context(VirtualRig(rig, body))
+        self._rig = opened.enter_context(VirtualRig(rig, body, springs))
         port = self._rig.emulator.port
         if link is not None:
             link.unlink(missing_ok=True)
