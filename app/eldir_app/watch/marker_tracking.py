@@ -21,6 +21,7 @@ import numpy as np
 from eldir.core.records import FloatArray
 from eldir.design import Design
 from eldir.errors import EldirError
+from eldir_hardware.camera.lens import Lens, require_not_expired
 from eldir_hardware.camera.plane import Plane, TagBoard
 from eldir_hardware.images import jpeg
 from eldir_hardware.images.video import GROUND_COLOUR
@@ -32,6 +33,7 @@ from eldir_hardware.schedule import ActuationSchedule
 from eldir_hardware.vision.pipeline import LiveTracker
 from eldir_hardware.vision.printed_ground import predict_ground
 from eldir_hardware.vision.recording_setup import CALIBRATION_FRAMES, marker_layout, read_marker_kind
+from eldir_hardware.vision.sources import log_time
 
 _POLL_INTERVAL_S = 0.05
 _MAX_DELAY_S = 2.0  # of older pictures only some are tracked
@@ -101,12 +103,21 @@ class _LogTracker:
         layout = None if design is None else marker_layout(design)
         rig = read_attachment(files, path, "rig.yaml", Rig.from_json)
         ground = None if design is None else predict_ground(design, rig)
-        self._tracker = LiveTracker(tags, plane, layout, read_marker_kind(files, path), ground)
+        kind = read_marker_kind(files, path)
+        self._tracker = LiveTracker(tags, plane, layout, kind, ground, self._read_lens())
         self._tracker.reset(self._log.epoch_ns)
         if design is not None and schedule is not None:
             from eldir.built.robot import build
 
             self._walk = WalkMeter(schedule.start_of_cycles, build(design.morphology).body_length)
+
+    def _read_lens(self) -> Lens | None:
+        """The lens file that the log keeps; None without. Raises `InputError` if it has expired."""
+        lens = read_attachment(self._log.attachments, self._log.path, "camera.json", Lens.from_json)
+        if lens is not None and self._log.epoch_ns is not None:
+            name = f"camera.json in {self._log.path}"
+            require_not_expired(lens.provenance, log_time(self._log.epoch_ns), name)
+        return lens
 
     def new_notes(self) -> list[str]:
         """Notes of the tracker since the last call."""

@@ -14,8 +14,8 @@ import numpy as np
 from eldir.core.records import FloatArray
 from eldir.errors import EldirError, InputError
 from eldir.trajectory import Trajectory
+from eldir_hardware.camera.lens import Lens
 from eldir_hardware.camera.plane import Image, Plane, TagBoard
-from eldir_hardware.camera.plane_fit import calibrate_plane
 from eldir_hardware.camera.tags import DriftMonitor
 from eldir_hardware.images.video import draw_ground
 from eldir_hardware.log.reader import RunLog
@@ -24,6 +24,7 @@ from eldir_hardware.markers.tracker import MarkerTracker
 from eldir_hardware.vision.printed_ground import PrintedGround
 from eldir_hardware.vision.recording_setup import (
     CALIBRATION_FRAMES,
+    calibrate_with_recorded_lens,
     find_recorded_plane,
     read_attached_layout,
     read_marker_kind,
@@ -244,13 +245,15 @@ class LiveTracker:
         layout: FloatArray | None = None,
         marker: str = DEFAULT_KIND,
         printed_ground: PrintedGround | None = None,
+        lens: Lens | None = None,
     ):
         """`board`: places of the reference tags. `plane`: a calibrated plane, which needs no tags.
         `layout` (K, 2) [m]: where the design has the markers; it also says how many there are.
-        `marker`: the kind of marker. `printed_ground`: the ground under the robot; None: a table."""
+        `marker`: the kind of marker. `printed_ground`: the ground under the robot; None: a table.
+        `lens`: that the pictures' log keeps, for the plane that the tags show."""
         self._kind = load_kind(marker)
         self.names: tuple[str, ...] = tuple(PALETTE)[: None if layout is None else len(layout)]
-        self._board = board
+        self._board, self._lens = board, lens
         self._given_plane = plane
         self._layout = layout
         self._tracker: MarkerTracker[Any] | None = None
@@ -312,7 +315,8 @@ class LiveTracker:
             if self._board is None or len(self._buffer) < CALIBRATION_FRAMES:
                 return None
             origin = {"source": "live pictures", FIRST_PICTURE_KEY: self._buffer[0][0]}
-            plane = calibrate_plane([image for _, image in self._buffer], self._board, origin)
+            images = [image for _, image in self._buffer]
+            plane = calibrate_with_recorded_lens(images, self._board, origin, self._lens)
         self._tracker = self._kind.tracker(plane, self.names, self._layout)
         return self._tracker
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +14,7 @@ from eldir.design import Design
 from eldir.errors import InputError
 from eldir.parameters.printed import BuiltParameters
 from eldir_hardware.camera.lens import Lens, require_not_expired
-from eldir_hardware.camera.plane import Plane, TagBoard
+from eldir_hardware.camera.plane import Image, Plane, TagBoard
 from eldir_hardware.camera.plane_fit import WrongLensError, calibrate_plane
 from eldir_hardware.camera.tags import DriftMonitor
 from eldir_hardware.log.mcap_file import iter_messages
@@ -28,10 +30,25 @@ CALIBRATION_FRAMES = 10
 """Number of frames whose mean gives the plane, so that noise at the tags' corners averages out."""
 
 
-def calibrate_from_frames(source: Source, board: TagBoard, lens: Lens | None = None, **extra: str) -> Plane:
-    """Calibrate the plane of motion from the first frames of a source; `extra` is added to its provenance."""
+def calibrate_from_frames(source: Source, board: TagBoard, **extra: str) -> Plane:
+    """Calibrate the plane of motion from the first frames of a source and the lens that a log keeps; `extra`
+    is added to its provenance."""
     images = [image for _, image in islice(source, CALIBRATION_FRAMES)]
-    return calibrate_plane(images, board, {"source": source.name, **extra}, lens)
+    provenance = {"source": source.name, **extra}
+    return calibrate_with_recorded_lens(images, board, provenance, find_recorded_lens(source))
+
+
+def calibrate_with_recorded_lens(
+    images: Iterable[Image], board: TagBoard, provenance: dict[str, Any], lens: Lens | None
+) -> Plane:
+    """As `calibrate_plane`, with the lens that the pictures' log keeps. If it belongs to another camera, only
+    the tags are used, and the plane's provenance holds a remark."""
+    images = list(images)
+    try:
+        return calibrate_plane(images, board, provenance, lens)
+    except WrongLensError as error:
+        remark = {"remark": f"The log's lens is not used: {error}."}
+        return calibrate_plane(images, board, provenance | remark)
 
 
 def read_attached_board(source: Source) -> TagBoard | None:
@@ -72,10 +89,7 @@ def find_recorded_plane(source: Source) -> Plane:
             expected="at least four reference tags in the picture",
             remedy="track it with eldir track and --tags, the places of the tags, or a calibrated --plane",
         )
-    try:
-        return calibrate_from_frames(source, board, find_recorded_lens(source), **extra)
-    except WrongLensError as error:
-        return calibrate_from_frames(source, board, remark=f"The log's lens is not used: {error}.")
+    return calibrate_from_frames(source, board, **extra)
 
 
 def _is_unmoved(source: Source, plane: Plane) -> bool:

@@ -89,10 +89,15 @@ def open_source(path: Path | str, rate: float | None = None, seconds: float = 10
     return Video(path, rate)
 
 
+def log_time(epoch_ns: int) -> datetime:
+    """Time at which a log that begins at `epoch_ns` [ns] was recorded; now for one with virtual times."""
+    return datetime.fromtimestamp(epoch_ns * 1e-9, UTC) if epoch_ns > VIRTUAL_EPOCH else datetime.now(UTC)
+
+
 def recording_time(source: Source) -> datetime:
     """Time at which a source was recorded: from its log, from the file's date, or now for a camera."""
-    if isinstance(source, LoggedFrames) and source.log.epoch_ns > VIRTUAL_EPOCH:
-        return datetime.fromtimestamp(source.log.epoch_ns * 1e-9, UTC)
+    if isinstance(source, LoggedFrames):
+        return log_time(source.log.epoch_ns)
     if isinstance(source, Video | PictureFolder):
         return datetime.fromtimestamp(source.path.stat().st_mtime, UTC)
     return datetime.now(UTC)

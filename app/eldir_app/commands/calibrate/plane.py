@@ -24,7 +24,8 @@ def plane(
     ] = None,
     out: Annotated[Path, typer.Option(help="Plane file to write (JSON).")],
     camera: Annotated[
-        Path | None, typer.Option(help="Lens file of the camera, from `eldir calibrate camera`.")
+        Path | None,
+        typer.Option(help="Lens file of the camera, from `eldir calibrate camera`. A log contains its own."),
     ] = None,
     check: Annotated[
         Path | None,
@@ -66,7 +67,12 @@ def _calibrate(
     from eldir_hardware.camera.lens import PLANE_VALIDITY_DAYS, Lens, require_not_expired, validity_period
     from eldir_hardware.camera.plane import TagBoard
     from eldir_hardware.camera.plane_fit import calibrate_plane
-    from eldir_hardware.vision.recording_setup import CALIBRATION_FRAMES, read_attached_board
+    from eldir_hardware.vision.recording_setup import (
+        CALIBRATION_FRAMES,
+        calibrate_with_recorded_lens,
+        find_recorded_lens,
+        read_attached_board,
+    )
     from eldir_hardware.vision.sources import recording_time
 
     board = read_attached_board(frames) if tags is None else TagBoard.load(tags)
@@ -77,13 +83,13 @@ def _calibrate(
             remedy="give --tags tags.json",
         )
     images = [image for _, image in islice(frames, CALIBRATION_FRAMES)]
-    lens = None
-    if camera is not None:
-        lens = Lens.load(camera)
-        require_not_expired(lens.provenance, recording_time(frames), str(camera))
-    return images, calibrate_plane(
-        images, board, {"source": name, **validity_period(PLANE_VALIDITY_DAYS)}, lens
-    )
+    provenance = {"source": name, **validity_period(PLANE_VALIDITY_DAYS)}
+    if camera is None:
+        recorded = find_recorded_lens(frames)
+        return images, calibrate_with_recorded_lens(images, board, provenance, recorded)
+    lens = Lens.load(camera)
+    require_not_expired(lens.provenance, recording_time(frames), str(camera))
+    return images, calibrate_plane(images, board, provenance, lens)
 
 
 def _draw_check(image: Image, plane: Plane, out: Path) -> None:

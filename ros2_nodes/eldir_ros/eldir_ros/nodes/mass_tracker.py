@@ -20,6 +20,7 @@ from visualization_msgs.msg import MarkerArray
 
 from eldir.core.records import FloatArray
 from eldir.design import Design
+from eldir_hardware.camera.lens import Lens
 from eldir_hardware.camera.plane import Plane, TagBoard, estimate_camera_pose
 from eldir_hardware.log.reader import read_attachment
 from eldir_hardware.markers.registration import DEFAULT_KIND, require_kind
@@ -27,6 +28,7 @@ from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.vision.pipeline import LiveOverlay, LiveTracker
 from eldir_hardware.vision.printed_ground import predict_ground
 from eldir_hardware.vision.recording_setup import (
+    find_recorded_lens,
     find_recorded_plane,
     marker_layout,
     read_attached_board,
@@ -82,11 +84,13 @@ class MassTrackerNode(RigNode):
     def open(self) -> None:
         log, tags, plane = (find_file(self, name) for name in ("log", "tags", "plane"))
         board: TagBoard | None = None
+        lens: Lens | None = None
         rig = None if (path := find_file(self, "rig")) is None else Rig.load(path)
         fixed_plane = None if plane is None else Plane.load(plane)
         if log is not None:
             source = open_source(log)
             design, board = read_attached_design(source), read_attached_board(source)
+            lens = find_recorded_lens(source)
             rig = read_attachment(source.attachments, source.name, "rig.yaml", Rig.from_json)
             if plane is None and "plane.json" in source.attachments:  # as `eldir track` tracks this log
                 fixed_plane = find_recorded_plane(source)
@@ -98,7 +102,7 @@ class MassTrackerNode(RigNode):
         layout = None if design is None else marker_layout(design)
         ground = None if design is None else predict_ground(design, rig)
         marker = get_text(self, "marker") or (DEFAULT_KIND if rig is None else rig.marker)
-        self._tracker = LiveTracker(board, fixed_plane, layout, require_kind(marker), ground)
+        self._tracker = LiveTracker(board, fixed_plane, layout, require_kind(marker), ground, lens)
         self.get_logger().info(f"markers: {marker}")
         if self._received_board is not None:
             self._tracker.set_board(self._received_board)
