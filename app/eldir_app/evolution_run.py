@@ -126,8 +126,8 @@ def create_paper_run(out: Path, options: NewRunOptions) -> RunFolder:
 
 
 def create_printed_run(out: Path, options: NewRunOptions) -> PrintedRun:
-    """A new run of printed robots. Raises `InputError` for too few robots, and for more motors than the rig
-    can heat."""
+    """A new run of printed robots. Raises `InputError` for too few robots, for more motors than the rig can
+    heat or a body can have, and for a static margin below that of the build filter."""
     from eldir import defaults
     from eldir.evolution.printed.configuration import PrintedEvolutionConfig
     from eldir.lattice import Lattice
@@ -144,12 +144,20 @@ def create_printed_run(out: Path, options: NewRunOptions) -> PrintedRun:
     expected = f"at most {conditions.motors} on this rig"
     remedy = "add channels to the rig file, and give it with --rig"
     require_value("--max-motors", motors <= conditions.motors, expected, motors, remedy)
+    expected = f"at most {conditions.buildable_motors}: bodies with more cannot be built"
+    remedy = "leave the option out: the other channels of the rig stay off"
+    require_value("--max-motors", motors <= conditions.buildable_motors, expected, motors, remedy)
+    margin = defaults.PRINTED_MARGIN if options.static_margin_m is None else options.static_margin_m
+    least = conditions.min_static_margin
+    expected = f"at least {1e3 * least:g} mm: the build filter refuses bodies with less"
+    remedy = "leave the option out, or give more"
+    require_value("--static-margin", margin >= least, expected, f"{1e3 * margin:g} mm", remedy)
     config = PrintedEvolutionConfig(
         lattice=Lattice(*shape),
         offspring=offspring,
         generations=defaults.PRINTED_GENERATIONS if options.generations is None else options.generations,
         max_active=motors,
-        static_margin=defaults.PRINTED_MARGIN if options.static_margin_m is None else options.static_margin_m,
+        static_margin=margin,
         seed=options.seed,
         printed=conditions.printed,
         springs=conditions.springs,

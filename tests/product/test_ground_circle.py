@@ -87,7 +87,6 @@ def circle(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Circle]:
 def _play(folder: Path) -> Circle:
     TerrainFile("printed", WAVES).save(folder / "waves.json")
     size = ["--population", "4", "--generations", "0", "--seed", "5", "--lattice", "4x7"]
-    size += ["--static-margin", "0"]
     ground = ["--terrain", str(folder / "waves.json")]
     invoke("evolve", "--objective", "printed", *size, *ground, "--out", str(folder / "run"))
     invoke("shortlist", str(folder / "run"), "--top", "1", "--out", str(folder / "shortlist"))

@@ -95,5 +95,9 @@ class BuildConditions:
     """Periods and times of heating that the rig allows."""
     rejection_reason: RejectionReason
     """Says why a body cannot be built; empty if it can."""
+    buildable_motors: int
+    """Most motors of a body that can be built."""
+    min_static_margin: float
+    """Least static margin of a body that can be built [m]."""
     tolerances: RigTolerances = field(default_factory=RigTolerances)
     """How far the springs of such a rig may be from nominal."""

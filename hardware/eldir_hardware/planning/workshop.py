@@ -15,6 +15,7 @@ from eldir.evolution.printed.genome import Timing
 from eldir.morphology import Morphology
 from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
+from eldir.parameters.tolerances import RigTolerances
 from eldir_cad.checks.buildability import check
 from eldir_cad.checks.strip_law import built_parameters, spring_parameters
 from eldir_cad.kit import PRINTER
@@ -35,21 +36,25 @@ def make_workshop(rig: Path | None = None) -> BuildConditions:
     spec = fit_to_printer(load_specification(), printer)
     printed, springs = built_parameters(spec, printer), spring_parameters(spec)
     if rig is None:
-        default_timings = tuple(Timing(*timing) for timing in defaults.PRINTED_TIMINGS)
-        springs = replace(springs, current_limit=CURRENT_LIMIT_A)
-        motors, rejection = defaults.PRINTED_MOTORS, make_build_filter(springs)
-        return BuildConditions(printed, springs, motors, default_timings, rejection)
-    loaded = Rig.load(rig)
-    require_measured(loaded)
-    loaded.require_own_outputs("evolve without --rig; eldir gait predicts walks with this rig file")
-    robot = RobotParameters.nominal(loaded.spring_parameters(), printed)
+        robot = RobotParameters(printed, replace(springs, current_limit=CURRENT_LIMIT_A))
+        timings = tuple(Timing(*timing) for timing in defaults.PRINTED_TIMINGS)
+        motors, tolerances = defaults.PRINTED_MOTORS, RigTolerances()
+    else:
+        loaded = Rig.load(rig)
+        require_measured(loaded)
+        loaded.require_own_outputs("evolve without --rig; eldir gait predicts walks with this rig file")
+        robot = RobotParameters.nominal(loaded.spring_parameters(), printed)
+        timings, motors = allowed_timings(loaded), loaded.motors
+        tolerances = loaded.spring_tolerances()
     return BuildConditions(
         robot.printed,
         robot.springs,
-        loaded.motors,
-        allowed_timings(loaded),
+        motors,
+        timings,
         make_build_filter(robot.springs),
-        loaded.spring_tolerances(),
+        spec.workspace.motors,
+        1e-3 * spec.safety.static_margin,
+        tolerances,
     )
 
 

@@ -11,6 +11,8 @@ from eldir.evolution.paper.configuration import EvolutionConfig
 from eldir.evolution.printed.configuration import PrintedEvolutionConfig
 from eldir.lattice import Lattice
 from eldir_app.application import application
+from eldir_hardware.planning.workshop import make_workshop
+from eldir_hardware.rig.template import virtual_rig
 from tests.raised import raises
 
 GIANT = "1000000000000000"
@@ -99,3 +101,22 @@ def test_nor_does_a_run_for_building(tmp_path: Path, monkeypatch: pytest.MonkeyP
     result = CliRunner().invoke(application(arguments[0]), [*arguments, "--static-margin", "56"])
     assert "too few bodies" in str(result.exception)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_options_that_the_build_filter_would_undo_are_refused(tmp_path: Path) -> None:
+    """Limits of `kit/data/parts.yaml`: a margin of 20 mm and two motors."""
+    last = "  - {channel: 4, spring: 1, face: back}\n"
+    third = "  - {channel: 5, spring: 2, face: front}\n  - {channel: 6, spring: 2, face: back}\n"
+    rig_file = tmp_path / "rig.yaml"
+    text = virtual_rig(1).replace("  channels: 4", "  channels: 8").replace(last, last + third)
+    rig_file.write_text(text)
+    assert make_workshop(rig_file).motors == 3
+    for option, value, said in (
+        ("--static-margin", "19.9", "at least 20 mm: the build filter refuses bodies with less"),
+        ("--max-motors", "3", "at most 2: bodies with more cannot be built"),
+    ):
+        words = ["evolve", "--objective", "printed", "--rig", str(rig_file), option, value]
+        found = CliRunner().invoke(application("evolve"), [*words, "--out", str(tmp_path / "run")])
+        assert f"expected {said}; found {value}" in str(found.exception)
+        assert "\n" not in str(found.exception)
+    assert list(tmp_path.iterdir()) == [rig_file]

@@ -65,8 +65,6 @@ TINY = [
     "4x7",
     "--population",
     "4",
-    "--static-margin",
-    "0",
     "--seed",
     "2",
 ]

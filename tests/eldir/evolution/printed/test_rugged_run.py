@@ -38,7 +38,7 @@ from tests.raised import raises
 
 pytestmark = pytest.mark.slow(30)
 
-EVOLVE = "evolve --objective printed --lattice 4x7 --population 4 --generations 0 --static-margin 0 --seed 4"
+EVOLVE = "evolve --objective printed --lattice 4x7 --population 4 --generations 0 --seed 4"
 SMALLEST = "evolve --lattice 4x7 --population 2 --generations 0 --iterations 1"
 
 
