@@ -48,10 +48,15 @@ def camera(
     require_ending("--sheet", sheet, ".pdf")
     require_ending("--map", picture, ".png")
     require_new(out, sheet, picture)
+    if sheet is not None and chessboard is not None:
+        raise typer.BadParameter("--sheet writes a ChArUco sheet, not a chessboard; remove --chessboard")
     pattern = _parse_pattern(chessboard, square_mm)
     if sheet is not None:
         write_bytes(sheet, make_sheet(pattern))
-        print(f"wrote {sheet}: print it at 100 %, then check with a ruler that ten squares are 250 mm wide")
+        print(
+            f"wrote {sheet}: print it at 100 %, then check with a ruler that ten squares are "
+            f"{10 * square_mm:g} mm wide"
+        )
         return
     assert source is not None and out is not None
     print(_calibrate(source, pattern, seconds, out, picture))
