@@ -132,6 +132,12 @@ class Variant(Record):
     ballast: Annotated[Ballast | None, OMITTED] = None
     """Weight that the built robot carries on one mass."""
 
+    def __str__(self) -> str:
+        parts = [] if self.without_motor is None else [f"without motor {self.without_motor}"]
+        if self.ballast is not None:
+            parts.append(f"with {self.ballast.grams:g} g on mass {self.ballast.mass}")
+        return ", ".join(parts) or "as evolved"
+
 
 @record
 class Design(FileRecord):

@@ -18,6 +18,7 @@ from eldir.core.files import new_folder, write_bytes, write_text
 from eldir.core.pictures import pdf, png
 from eldir.core.version import __version__
 from eldir.design import Design, Variant
+from eldir.errors import InputError
 from eldir.genotype import Genotype
 from eldir.parameters.wiring import Wiring, wiring
 from eldir.terrain import TerrainFile
@@ -63,6 +64,7 @@ def write_packet(
 ) -> Packet:
     """Check the design, make its parts and write the folder `out`, which must not exist yet.
 
+    `variant`: changes of the built robot, for a design without; by default as the design file says.
     `in_series`: both springs of a motor are wired in series on one relay channel. `prices`: for what
     bom.csv and kit.pdf list. `more_files`: further files, by name, such as those of
     `eldir_hardware.markers.placement`.
@@ -72,12 +74,11 @@ def write_packet(
     """
     printer = printer or load_printer()
     spec = fit_to_printer(specification or load_specification(), printer)
-    variant = variant or Variant()
-    built = apply_variant(design, variant)
+    built = apply_variant(design, variant or Variant())
     report, leads = check_with_leads(built.morphology, spec, printer)
     report.require_buildable()
     with new_folder(out) as folder:
-        content = make_content(built, report, spec, printer, variant)
+        content = make_content(built, report, spec, printer)
         connections = wiring(built.morphology.motors, in_series=in_series)
         cost = _write_files(folder, content, connections, leads, prices)
         for name, data in (more_files or {}).items():
@@ -139,9 +140,18 @@ def _footer(folder: Path, c: Content) -> str:
 
 def apply_variant(design: Design, variant: Variant) -> Design:
     """The design as it is built, with its `variant` (a motor replaced by a passive spring, a weight added)
-    and with the markers of the evolved design. Raises `InputError` for a motor that does not exist."""
-    if variant == Variant():
+    and with the markers of the evolved design. Raises `InputError` for a motor that does not exist, and for a
+    design with another variant."""
+    if variant in (Variant(), design.variant):
         return design
+    if design.variant != Variant():
+        raise InputError(
+            "the design has been changed for building already",
+            code="design.has-variant",
+            expected="the evolved design",
+            found=f"a robot {design.variant}",
+            remedy="give the evolved design, and all changes at once",
+        )
     genotype, controller = design.genotype, design.controller
     motor = variant.without_motor
     if motor is not None:

@@ -42,22 +42,24 @@ class Content:
     report: BuildReport
     spec: Specification
     printer: Printer
-    variant: Variant
     filling: float
     """Weight of the shot in each ballast holder [g]."""
     ground: Ground | None
     """The ground under the robot; None: a table."""
     ground_plates: list[Plate]
 
+    @property
+    def variant(self) -> Variant:
+        """How the built robot differs from the evolved one."""
+        return self.built.variant
 
-def make_content(
-    built: Design, report: BuildReport, spec: Specification, printer: Printer, variant: Variant
-) -> Content:
+
+def make_content(built: Design, report: BuildReport, spec: Specification, printer: Printer) -> Content:
     """Model and inspect all parts, and nest them on plates. Raises `EldirError` for a part that cannot be
     printed, or parts that do not fit together."""
     ballast, filling = None, 0.0
-    if variant.ballast is not None:
-        mass = variant.ballast.mass
+    if built.variant.ballast is not None:
+        mass = built.variant.ballast.mass
         if mass in built.marks:
             raise InputError(
                 f"the ballast would hide the disc on mass {mass}",
@@ -65,7 +67,7 @@ def make_content(
                 expected="a mass that is not one of m1 to m5",
                 found=f"m{built.marks.tolist().index(mass) + 1}",
             )
-        part, filling = holder(spec, variant.ballast.grams / 2, printer.material.density)
+        part, filling = holder(spec, built.variant.ballast.grams / 2, printer.material.density)
         ballast = (mass, part)
     # The camera sees the front face.
     assembly = assemble(built.morphology, spec, built.marks, ballast, disc_faces=("front",))
@@ -84,9 +86,7 @@ def make_content(
     plates = nest(assembly.parts, assembly.counts, printer)
     ground = _make_ground(built, assembly, spec, printer)
     own = [] if ground is None else _nest_ground(ground, printer)
-    return Content(
-        built, assembly, inspections, gap, plates, report, spec, printer, variant, filling, ground, own
-    )
+    return Content(built, assembly, inspections, gap, plates, report, spec, printer, filling, ground, own)
 
 
 def _make_ground(built: Design, assembly: Assembly, spec: Specification, printer: Printer) -> Ground | None:

@@ -30,7 +30,7 @@ def robot():
     """A wheel with two motors, and the report of its filter."""
     drawn = design(*WHEEL, motors=(0, 4))
     report = check(drawn.morphology, SPEC, PRINTER)
-    return make_content(drawn, report, SPEC, PRINTER, Variant())
+    return make_content(drawn, report, SPEC, PRINTER)
 
 
 @pytest.fixture(scope="module")
@@ -126,7 +126,7 @@ def test_the_pages_give_the_mass_of_the_filter_and_the_bounds_of_the_meter(robot
 def test_the_robots_mass_has_its_ballast():
     drawn = design(*WHEEL, motors=(0, 4))
     report = check(drawn.morphology, SPEC, PRINTER)
-    loaded = make_content(drawn, report, SPEC, PRINTER, Variant(None, Ballast(11.0, 6)))
+    loaded = make_content(replace(drawn, variant=Variant(None, Ballast(11.0, 6))), report, SPEC, PRINTER)
     assert robot_mass(loaded) == pytest.approx(report.figures["robot_g"] + 11.0, abs=0.03)
 
 

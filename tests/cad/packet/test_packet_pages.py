@@ -38,9 +38,9 @@ def content():
     """A wheel with two motors and a ballast, on a printer whose two times of washing are unlike."""
     wash = PRINTER.wash.model_copy(update={"on_plate_min": 3.5, "off_plate_min": 8.0})
     printer = PRINTER.model_copy(update={"wash": wash})
-    ballast = Variant(None, Ballast(GRAMS, 6))
+    robot, ballast = design(*WHEEL, motors=(0, 4)), Variant(None, Ballast(GRAMS, 6))
     report = BuildReport.of((), {})
-    return make_content(design(*WHEEL, motors=(0, 4)), report, SPEC, printer, ballast)
+    return make_content(replace(robot, variant=ballast), report, SPEC, printer)
 
 
 def words(pages):

@@ -69,6 +69,29 @@ def test_the_papers_control_robot(control):
     assert made.manifest.parts["passive_spring"].count == 2 * (len(was.springs) - 1)
 
 
+def test_a_packet_of_a_packets_design_is_that_of_the_same_robot(control, tmp_path):
+    """As who wants its coils in series writes it: with the same weights and without the same motor."""
+    path, made, _ = control
+    built = Design.load(path / "design.json")
+    again = write_packet(built, tmp_path / "again", variant=made.manifest.variant)
+    by_itself = write_packet(built, tmp_path / "series", in_series=True)
+    for other in (again, by_itself):
+        for name in ("variant", "parts", "marks", "totals"):
+            assert other.manifest.to_json()[name] == made.manifest.to_json()[name]
+        for name in ("design.json", "parts/ballast_holder.stl"):
+            assert (other.path / name).read_bytes() == (path / name).read_bytes()
+    assert (again.path / "bom.csv").read_bytes() == (path / "bom.csv").read_bytes()
+
+
+def test_a_changed_robot_is_not_changed_again(control, tmp_path):
+    path, *_ = control
+    built = Design.load(path / "design.json")
+    for other in (Variant(None, Ballast(9.0, 4)), Variant(0), replace(built.variant, without_motor=None)):
+        with raises(InputError, "design.has-variant", match="without motor 0, with 9 g on mass"):
+            write_packet(built, tmp_path / "packet", variant=other)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_ballast_hides_no_disc_and_suits_its_holder(tmp_path):
     for text, code, key, said in (
         (f"9g@{ROBOT.marks[2]}", "ballast.hides-disc", None, "found m3"),

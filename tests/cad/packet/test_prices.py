@@ -32,7 +32,7 @@ def robot():
     """A wheel with two motors and a ballast, so that everything is bought."""
     drawn = design(*WHEEL, motors=(0, 4))
     report = check(drawn.morphology, SPEC, PRINTER)
-    return make_content(drawn, report, SPEC, PRINTER, Variant(None, Ballast(11.0, 6)))
+    return make_content(replace(drawn, variant=Variant(None, Ballast(11.0, 6))), report, SPEC, PRINTER)
 
 
 def lists(robot):

@@ -6,7 +6,6 @@ import trimesh
 from hypothesis import event, given, settings
 from hypothesis import strategies as st
 
-from eldir.design import Variant
 from eldir.errors import EldirError, InputError
 from eldir.genotype import random_genotypes
 from eldir.lattice import Lattice
@@ -130,4 +129,4 @@ def test_parts_that_do_not_fit_are_found_before_anything_is_written():
     report = check(robot.morphology, asked, PRINTER)
     loose = asked.model_copy(update={"strip": asked.strip.model_copy(update={"height": 5.15})})
     with raises(EldirError, "part.no-clearance", match=r"0\.1 mm between them; found 0\.0"):
-        make_content(robot, report, loose, PRINTER, Variant())
+        make_content(robot, report, loose, PRINTER)
