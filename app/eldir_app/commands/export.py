@@ -19,7 +19,8 @@ def export(
         typer.Option(help="Heating schedule: also write its free lengths, and a program that runs both."),
     ] = None,
     rig: Annotated[
-        Path | None, typer.Option(help="Rig file: springs and supply of the schedule. Default: nominal ones.")
+        Path | None,
+        typer.Option(help="Rig file: springs and supply of the schedule. Default: those of the parts."),
     ] = None,
     dimensions: Annotated[
         int,

@@ -40,6 +40,7 @@ def shortlist(
     from eldir.evolution.designs import load_run, open_run
     from eldir.evolution.printed.run_folder import PrintedRun
     from eldir_app.progress import progress_bar, show_stages
+    from eldir_cad.checks.strip_law import on_supply_of, spring_parameters
     from eldir_cad.kit.printer import load_printer
     from eldir_cad.kit.specification import load_specification
     from eldir_cad.shortlist.folder import write_shortlist
@@ -52,6 +53,8 @@ def shortlist(
     designs, folder = load_run(run), open_run(run)
     config = folder.config if isinstance(folder, PrintedRun) else None
     springs, tolerances = (None, None) if config is None else (config.springs, config.tolerances)
+    if springs is not None and specification is not None:
+        springs = on_supply_of(spring_parameters(specification), springs)
     with progress_bar(note="ranking: 1 to 5 minutes") as progress:
         show = show_stages(progress)
         best = rank(designs, top, specification, profile, seed, show, identified, springs, tolerances)

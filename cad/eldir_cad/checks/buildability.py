@@ -16,8 +16,8 @@ from eldir.design import marked_masses
 from eldir.lattice import HALF_SIDE
 from eldir.morphology import Morphology
 from eldir.parameters.printed import BuiltParameters
-from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
+from eldir_cad.checks._kit_differences import note_differences
 from eldir_cad.checks.contacts import Lead, find_contacts, find_leads
 from eldir_cad.checks.kinematics import (
     AT_REST,
@@ -29,7 +29,7 @@ from eldir_cad.checks.kinematics import (
     simulate_stroke,
     socket_turns,
 )
-from eldir_cad.checks.strip_law import StripLaw, built_parameters, hub_parameters, spring_parameters
+from eldir_cad.checks.strip_law import StripLaw, built_parameters, spring_parameters
 from eldir_cad.checks.tipping import (
     CURRENT_SPREAD,
     REQUIRED_MARGIN_DEG,
@@ -52,9 +52,6 @@ from eldir_cad.geometry.plates import Size, count_plates
 from eldir_cad.kit.printer import Printer
 from eldir_cad.kit.specification import Specification
 
-_PREDICTED = "pitch", "tension", "buckling", "bending", "socket", "socket_turn", "corner", "hexagon", "strip"
-"""Parameters of the parts that decide how a robot moves."""
-_AS_THE_KIT = 0.05  # relative difference that the kit's own robots have too
 _MAX_LISTED = 3  # violations of a kind that are listed one by one
 _CheckResult = tuple[list[Violation], dict[str, float]]
 
@@ -82,15 +79,15 @@ def check_with_leads(
     morphology: Morphology, spec: Specification, printer: Printer, springs: SpringParameters | None = None
 ) -> CheckedBody:
     """As `check`, with the wires that it found in the simulated motion."""
-    spec = spec if springs is None else spec.with_coil(springs)
+    own, spec = spec, spec if springs is None else spec.with_coil(springs)
     springs = springs or spring_parameters(spec)
     violations = [*_check_workspace(morphology, spec), *_check_motors(morphology, spec)]
     figures: dict[str, float] = {}
     leads: list[Lead] = []
     if not violations:
         law = StripLaw.of(spec, printer)
-        robot = RobotParameters.nominal(springs, built_parameters(spec, printer)).printed
-        motion = simulate_stroke(morphology, spec, law, (robot.cold_stiffness, robot.hot_stiffness))
+        robot = built_parameters(spec, printer, springs)
+        motion = simulate_stroke(morphology, spec, law, springs)
         leads = find_leads(motion, morphology, spec)
         for new_violations, values in (
             _check_hinges(morphology, spec),
@@ -102,7 +99,7 @@ def check_with_leads(
             _check_stability(motion, morphology, spec, robot),
             _check_tipping(morphology, spec, robot),
             _check_leads(leads, motion, morphology, spec),
-            _check_predictions(spec, printer),
+            (note_differences(own, printer), {}),
             _count_parts(morphology, spec, printer, springs.mass),
         ):
             violations += new_violations
@@ -292,21 +289,6 @@ def _check_stability(
         by = spec.safety.foot_stroke - spread
         violations.append(Violation("feet", "note", ("feet",), by, "mm", message, "choose another design"))
     return violations, {"static_margin_mm": margin, "foot_stroke_mm": spread}
-
-
-def _check_predictions(spec: Specification, printer: Printer) -> _CheckResult:
-    """Parts that move otherwise than the kit's, which is all that the commands after the packet know."""
-    kit, own = BuiltParameters().with_hubs(), hub_parameters(spec, printer)
-    values = [(name, getattr(own, name), getattr(kit, name)) for name in _PREDICTED]
-    other = [name for name, value, usual in values if abs(value - usual) > _AS_THE_KIT * usual]
-    if not other:
-        return [], {}
-    message = (
-        f"the parts are not the kit's ({', '.join(other)}): eldir gait, track, report, transfer, adapt and "
-        "virtual rigs compute with the kit's"
-    )
-    remedy = "do not take their predictions for this robot's; eldir shortlist and eldir export take --parts"
-    return [Violation("parts", "note", ("body",), len(other), "parameters", message, remedy)], {}
 
 
 def _check_tipping(morphology: Morphology, spec: Specification, robot: BuiltParameters) -> _CheckResult:

@@ -21,15 +21,15 @@ from scipy.optimize import leastsq
 
 from eldir.core.records import BoolArray, FloatArray, IntArray
 from eldir.morphology import Morphology
-from eldir.parameters.printed import BuiltParameters
-from eldir_cad.checks.strip_law import StripLaw
+from eldir.parameters.robot import RobotParameters
+from eldir.parameters.springs import SpringParameters
+from eldir_cad.checks.strip_law import StripLaw, spring_parameters
 from eldir_cad.kit.specification import Specification
 
 _RANK_TOLERANCE = 1e-9  # of the largest singular value
 AT_REST = "at rest"
 """Label of the pose in which no motor is heated."""
 _STEPS = 3  # poses from rest to each end of the stroke
-_STIFFNESS = BuiltParameters.cold_stiffness, BuiltParameters.hot_stiffness
 _ANCHOR = 1.0  # stiffness against rigid motions [N/m]; a motor is fifty times stiffer
 
 
@@ -118,18 +118,20 @@ def simulate_stroke(
     morphology: Morphology,
     spec: Specification,
     law: StripLaw,
-    coil_stiffness: tuple[float, float] = _STIFFNESS,
+    springs: SpringParameters | None = None,
 ) -> Stroke:
     """Poses for every combination of cold and hot motors, and poses between rest and these.
 
-    `coil_stiffness`: of the cold and the hot springs [N/m]; by default the kit's.
+    `springs`: of the motors; by default those of the specification.
     """
     rest = (morphology.positions - morphology.positions.min(axis=0)) * spec.scale
+    coil = RobotParameters.nominal(springs or spring_parameters(spec)).printed
+    cold_hot = np.array([coil.cold_stiffness, coil.hot_stiffness]) * 1e-3  # [N/mm]
     poses, labels = [], []
     for ends in product((0, 1), repeat=morphology.motors):
         pose = rest
         goal = np.array(spec.motor_range)[list(ends)]
-        stiffness = np.array(coil_stiffness)[list(ends)] * 1e-3  # [N/mm]
+        stiffness = cold_hot[list(ends)]
         for step in range(1, _STEPS + 1):
             length = spec.pitch + (goal - spec.pitch) * step / _STEPS
             pose = _equilibrium(pose, morphology, spec.pitch, length, stiffness, law)

@@ -84,7 +84,7 @@ def predict_lateral_stability(
     not survive in its plane.
     """
     both = spread_current(springs, morphology.motors, CURRENT_SPREAD)
-    robot = RobotParameters.nominal(springs, hub_parameters(spec, printer))
+    robot = RobotParameters(hub_parameters(spec, printer, springs), springs)
     if robot.printed.joints != "hubs":
         return None
     leans = lean_in_gait(morphology, gait, robot, both, spec, printer, ballast=ballast, cycles=cycles)

@@ -17,12 +17,18 @@ from scipy.optimize import brentq
 from scipy.special import ellipe, ellipk
 
 from eldir.parameters.printed import BuiltParameters
+from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
 from eldir_cad.geometry.parts import cap, connector, fitting, mass_volume, strip
 from eldir_cad.kit.printer import Printer
 from eldir_cad.kit.specification import Specification
 
 _DIGITS = 3  # significant, of what the printed scene takes: its constants are known no better
+
+_SUPPLY = (
+    "supply_voltage", "current_limit", "lead_resistance",
+    "convection_fan", "convection_still", "fan", "ambient",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -93,9 +99,17 @@ def _modulus(share: float) -> float:
     return math.sqrt(float(brentq(lambda m: 2 * (1 - ellipe(m) / ellipk(m)) - share, 0.0, 0.9)))
 
 
+def built_parameters(
+    spec: Specification, printer: Printer, springs: SpringParameters | None = None
+) -> BuiltParameters:
+    """Parameters of the printed scene: those that follow from parts, resin and the motors' springs, else
+    defaults. `springs`: by default those of the parts."""
+    printed = _with_kit_springs(spec, printer)
+    return RobotParameters.nominal(springs or spring_parameters(spec), printed).printed
+
+
 @lru_cache(maxsize=8)  # it makes meshes for the weights
-def built_parameters(spec: Specification, printer: Printer) -> BuiltParameters:
-    """Parameters of the printed scene: those that follow from parts and resin, else defaults."""
+def _with_kit_springs(spec: Specification, printer: Printer) -> BuiltParameters:
     law, gram = StripLaw.of(spec, printer), 1e-6 * printer.material.density  # kg/mm3
     full = mass_volume(spec, 6) + cap(spec).volume
     # Most masses with a connector have four springs.
@@ -115,10 +129,12 @@ def built_parameters(spec: Specification, printer: Printer) -> BuiltParameters:
     return BuiltParameters(**{name: _rounded(value) for name, value in values.items()})
 
 
-def hub_parameters(spec: Specification, printer: Printer) -> BuiltParameters:
+def hub_parameters(
+    spec: Specification, printer: Printer, springs: SpringParameters | None = None
+) -> BuiltParameters:
     """The same robot with hubs instead of pins: sockets and corners as in the parts. Clamped strips stay
     clamped."""
-    law, pinned = StripLaw.of(spec, printer), built_parameters(spec, printer)
+    law, pinned = StripLaw.of(spec, printer), built_parameters(spec, printer, springs)
     if law.clamped:
         return pinned
     return replace(
@@ -131,10 +147,25 @@ def hub_parameters(spec: Specification, printer: Printer) -> BuiltParameters:
 
 
 def spring_parameters(spec: Specification) -> SpringParameters:
-    """Parameters of the shape-memory spring; its lengths are between the centres of its two masses."""
+    """Parameters of the shape-memory spring at the current limit of the parts file; its lengths are between
+    the centres of its two masses. Wire and turns are the kit's."""
+    kit = SpringParameters()
     cold, hot = (round(1e-3 * length, 6) for length in spec.motor_range)
     ends = round(2e-3 * spec.coil_seat, 6)
-    return SpringParameters(cold_length=cold, hot_length=hot, ends=ends)
+    coil = round(1e-3 * spec.coil.outer_diameter - kit.wire_diameter, 9)
+    return replace(
+        kit,
+        cold_length=cold,
+        hot_length=hot,
+        ends=ends,
+        coil_diameter=coil,
+        current_limit=spec.coil.current_limit_a,
+    )
+
+
+def on_supply_of(springs: SpringParameters, other: SpringParameters) -> SpringParameters:
+    """These springs on the supply, and in the air, of other ones."""
+    return replace(springs, **{name: getattr(other, name) for name in _SUPPLY})
 
 
 def _rounded(value: float) -> float:

@@ -129,7 +129,8 @@ class Coil(Section):
     hot_length: Length
     """Free length of the hot coil [mm]."""
     current_limit_a: Annotated[float, Field(gt=0, le=30)]
-    """Current limit of the supply that the packet's lists and traveller state [A]."""
+    """Current limit of the supply that the packet's lists and traveller state [A]; `eldir export`, and
+    `eldir shortlist` of a run in the paper's scene, predict with it."""
     current_conditions: Annotated[str, Field(max_length=200)] = ""
     """Conditions under which that current is allowed; they stand beside it."""
 

@@ -116,9 +116,9 @@ def rank(
     prediction is doubtful because of ties; then those that may fall over sideways.
 
     All walk on the ground of the designs (`Design.printed_terrain`), one for all. `scene`: an identified
-    robot; then the samples are of its uncertainty. `springs`: nominal springs on the supply of a rig, with
-    its `tolerances`, by default those of a new rig file. `progress` is called with the name of the stage and
-    the completed share of it.
+    robot; then the samples are of its uncertainty. `springs`: nominal springs on the supply of a rig, by
+    default those of the specification; `tolerances` of the rig, by default those of a new rig file.
+    `progress` is called with the name of the stage and the completed share of it.
     """
     show = progress or (lambda _stage, _share: None)
     one_ground = all(d.printed_terrain == designs[0].printed_terrain for d in designs)
@@ -127,11 +127,11 @@ def rank(
     spec = fit_to_printer(specification or load_specification(), printer)
     different = _unique_bodies(designs)
     reasons: Counter[str] = Counter()
-    rig_springs = springs if specification is None else None  # a parts file has its own coil
-    buildable = _filter_buildable(different, spec, printer, rig_springs, reasons, show)
-    nominal = RobotParameters.nominal(springs or spring_parameters(spec), built_parameters(spec, printer))
+    own = springs or spring_parameters(spec)
+    buildable = _filter_buildable(different, spec, printer, own, reasons, show)
+    nominal = RobotParameters(built_parameters(spec, printer, own), own)
     robot = nominal if scene is None else scene.robot.uniform
-    with_hubs = RobotParameters.nominal(nominal.springs, hub_parameters(spec, printer))
+    with_hubs = RobotParameters(hub_parameters(spec, printer, own), own)
     standing = _screen([d for d, _ in buildable], robot, _SAMPLED_PER_PLACE * top, reasons, show)
     candidates = []
     for i, (s, gait) in enumerate(standing):

@@ -11,10 +11,9 @@ from eldir.core.arguments import require_value
 from eldir.core.files import new_folder, require_new, write_bytes, write_text
 from eldir.core.records import FloatArray
 from eldir.design import Design
-from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
 from eldir.parameters.wiring import FACES, Connection
-from eldir_cad.checks.strip_law import built_parameters
+from eldir_cad.checks.strip_law import built_parameters, spring_parameters
 from eldir_cad.geometry.assembly import assemble
 from eldir_cad.kit.printer import Printer
 from eldir_cad.kit.specification import Specification
@@ -44,17 +43,18 @@ def export_robot(
     """Write the nominal robot of a design as MJCF to `out`, and the shapes of its hubs into a folder beside
     it. In three `dimensions` each face has its own strips, coils and feet.
 
-    With a `schedule` also a table of its coils' free lengths and stiffnesses, by `springs` and their `shares`
-    (see `free_lengths`), and a program that runs both. Returns what was written. Raises `EldirError` if one
-    of the files exists, `InputError` if the schedule does not fit the design.
+    `springs`: by default those of `spec`. With a `schedule` also a table of its coils' free lengths and
+    stiffnesses, by their `shares` (see `free_lengths`), and a program that runs both. Returns what was
+    written. Raises `EldirError` if one of the files exists, `InputError` if the schedule does not fit the
+    design.
     """
     stem, body = out.with_suffix(""), design.morphology
     folder = stem.with_name(f"{stem.name}-parts")
     table, runner = stem.with_name(f"{stem.name}-schedule.csv"), stem.with_name(f"{stem.name}-run.py")
     require_new(out, folder, *((table, runner) if schedule else ()))
     build = build_multibody if dimensions == 2 else build_biplane
-    springs = springs or SpringParameters()
-    robot = RobotParameters.nominal(springs, built_parameters(spec, printer)).printed
+    springs = springs or spring_parameters(spec)
+    robot = built_parameters(spec, printer, springs)
     model = build(body, spec, printer, robot, ballast=design.ballast, terrain=design.printed_terrain)
     rows = None if schedule is None else _table(model, schedule, springs, shares)
     shapes = hub_shapes(assemble(body, spec))

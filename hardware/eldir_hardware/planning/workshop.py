@@ -13,7 +13,6 @@ from eldir.errors import InputError
 from eldir.evolution.printed.configuration import BuildConditions, RejectionReason
 from eldir.evolution.printed.genome import Timing
 from eldir.morphology import Morphology
-from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
 from eldir.parameters.tolerances import RigTolerances
 from eldir_cad.checks.buildability import check
@@ -34,24 +33,22 @@ def make_workshop(rig: Path | None = None) -> BuildConditions:
     """
     printer = load_printer(PRINTER)
     spec = fit_to_printer(load_specification(), printer)
-    printed, springs = built_parameters(spec, printer), spring_parameters(spec)
     if rig is None:
-        robot = RobotParameters(printed, replace(springs, current_limit=CURRENT_LIMIT_A))
+        springs = replace(spring_parameters(spec), current_limit=CURRENT_LIMIT_A)
         timings = tuple(Timing(*timing) for timing in defaults.PRINTED_TIMINGS)
         motors, tolerances = defaults.PRINTED_MOTORS, RigTolerances()
     else:
         loaded = Rig.load(rig)
         require_measured(loaded)
         loaded.require_own_outputs("evolve without --rig; eldir gait predicts walks with this rig file")
-        robot = RobotParameters.nominal(loaded.spring_parameters(), printed)
+        springs, tolerances = loaded.spring_parameters(), loaded.spring_tolerances()
         timings, motors = allowed_timings(loaded), loaded.motors
-        tolerances = loaded.spring_tolerances()
     return BuildConditions(
-        robot.printed,
-        robot.springs,
+        built_parameters(spec, printer, springs),
+        springs,
         motors,
         timings,
-        make_build_filter(robot.springs),
+        make_build_filter(springs),
         spec.workspace.motors,
         1e-3 * spec.safety.static_margin,
         tolerances,

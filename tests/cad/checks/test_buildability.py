@@ -36,6 +36,7 @@ from tests.raised import raises
 PRINTER = load_printer()
 SPEC = fit_to_printer(load_specification(), PRINTER)
 LAW = StripLaw.of(SPEC, PRINTER)
+WIDE_COIL = SPEC.model_copy(update={"coil": SPEC.coil.model_copy(update={"outer_diameter": 9.0})})
 
 
 @pytest.mark.parametrize(
@@ -138,8 +139,11 @@ def test_a_free_rhombus_follows_its_motor():
 
 
 def test_a_stiff_wheel_holds_its_motor():
-    motion = simulate_stroke(body(*WHEEL), SPEC, LAW)
-    assert np.abs(motion.poses - motion.rest).max() < 0.1
+    moves = np.abs(simulate_stroke(body(*WHEEL), SPEC, LAW).poses - at_pitch(body(*WHEEL))).max()
+    assert moves < 0.1
+    # What does not yield moves as the force of the hot coil, by the third power of its diameter.
+    softer = np.abs(simulate_stroke(body(*WHEEL), WIDE_COIL, LAW).poses - at_pitch(body(*WHEEL))).max()
+    assert softer == pytest.approx(moves * (6.5 / 8.25) ** 3, rel=0.02)
 
 
 def moved(found, pose, label="with S0 hot"):
@@ -307,6 +311,9 @@ def test_parts_that_later_commands_do_not_know_are_told():
     assert note.severity == "note" and "(tension, buckling, bending, strip)" in note.message
     (note,) = told(pitch=50.0)
     assert "(pitch, " in note.message
+    (note,) = told(coil=WIDE_COIL.coil)
+    assert note.severity == "note" and "(coil_diameter)" in note.message
+    assert "coil_diameter_mm: 8.25, cold_length_mm: 35, hot_length_mm: 75" in note.remedy
 
 
 def test_a_strip_that_is_bent_too_far_is_named():
@@ -355,6 +362,8 @@ def test_parts_plates_resin_and_weight():
     assert figures["resin_g"] == pytest.approx(1.15e-3 * figures["resin_mm3"], rel=1e-3)
     coils = 2 * 1e3 * SpringParameters().mass
     assert figures["robot_g"] == pytest.approx(figures["resin_g"] + coils, abs=0.02)
+    heavier = check(body(*TRIANGLE), WIDE_COIL, PRINTER).figures
+    assert heavier["robot_g"] == pytest.approx(heavier["resin_g"] + coils * 8.25 / 6.5, abs=0.02)
     # The built scene weighs one plane of the same robot, every mass as one with four springs.
     weight = 1e3 * build(body(*TRIANGLE)).masses.sum()
     assert figures["robot_g"] / 2 == pytest.approx(weight, rel=0.05)

@@ -1,6 +1,7 @@
 """What the parts say to the simulation: one geometry, and a strip's force against other ways to find it."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,12 +10,19 @@ from scipy.optimize import brentq
 
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.springs import SpringParameters
-from eldir_cad.checks.strip_law import StripLaw, built_parameters, spring_parameters
+from eldir_cad.checks.strip_law import (
+    StripLaw,
+    built_parameters,
+    hub_parameters,
+    on_supply_of,
+    spring_parameters,
+)
 from eldir_cad.geometry.parts import strip
 from eldir_cad.kit.printer import fit_to_printer, load_printer
 from eldir_cad.kit.specification import load_specification
 from eldir_hardware.markers.registration import DISC_DIAMETER
 from eldir_hardware.rig.sections import SpringEntry
+from eldir_hardware.rig.template import CURRENT_LIMIT_A
 from eldir_hardware.vision.virtual_camera import HUB_RADIUS, STRIP_THICKNESS
 
 PRINTER = load_printer()
@@ -28,7 +36,7 @@ def test_parts_and_built_scene_are_one_geometry():
     assert built_parameters(SPEC, PRINTER) == BuiltParameters()
     assert built_parameters(CLAMPED, PRINTER) == BuiltParameters.clamped()
     springs = spring_parameters(SPEC)
-    assert springs == SpringParameters()
+    assert springs == replace(SpringParameters(), current_limit=CURRENT_LIMIT_A)
     entry = SpringEntry.model_fields
     lengths = entry["cold_length_mm"].default, entry["hot_length_mm"].default
     assert lengths == SPEC.motor_range == (1e3 * springs.cold_length, 1e3 * springs.hot_length)
@@ -45,6 +53,31 @@ def test_other_parts_make_another_scene():
     assert found.strip == pytest.approx(strip(thin).volume * 1.15e-6, rel=0.01)
     light = PRINTER.model_copy(update={"material": PRINTER.material.model_copy(update={"density": 0.575})})
     assert built_parameters(SPEC, light).hexagon == pytest.approx(usual.hexagon / 2, rel=0.01)
+
+
+def test_another_coil_makes_another_spring():
+    """Stiffness by G d^4 / (8 D^3 n), mass by the wire's length, of a coil of 8.25 mm mean diameter."""
+    coil = SPEC.coil.model_copy(update={"outer_diameter": 9.0, "current_limit_a": 3.0})
+    wide, ratio = SPEC.model_copy(update={"coil": coil}), 8.25 / 6.5
+    springs, kit = spring_parameters(wide), spring_parameters(SPEC)
+    assert springs == replace(kit, coil_diameter=8.25e-3, current_limit=3.0)
+    assert springs.stiffness(0.0) == pytest.approx(23e9 * 0.75e-3**4 / (8 * 8.25e-3**3 * 26.7))
+    for found, usual in (
+        (built_parameters(wide, PRINTER), built_parameters(SPEC, PRINTER)),
+        (hub_parameters(wide, PRINTER), hub_parameters(SPEC, PRINTER)),
+    ):
+        assert found.hot_stiffness == pytest.approx(124.0 / ratio**3) == pytest.approx(60.65, abs=0.01)
+        assert found.cold_stiffness == pytest.approx(49.0 / ratio**3)
+        assert found.active_spring - usual.active_spring == pytest.approx((ratio - 1) * kit.mass)
+        same = replace(
+            found,
+            **{n: getattr(usual, n) for n in ("hot_stiffness", "cold_stiffness", "active_spring")},
+        )
+        assert same == usual
+    assert built_parameters(wide, PRINTER, kit) == built_parameters(SPEC, PRINTER)
+    assert built_parameters(SPEC, PRINTER, springs) == built_parameters(wide, PRINTER)
+    supply = replace(SpringParameters(), current_limit=2.5, ambient=18.0, fan=False, turns=20.0)
+    assert on_supply_of(springs, supply) == replace(springs, current_limit=2.5, ambient=18.0, fan=False)
 
 
 def test_eulers_load_by_hand():

@@ -23,14 +23,16 @@ from eldir.evolution.printed.configuration import PrintedEvolutionConfig
 from eldir.evolution.printed.run_folder import PrintedRun
 from eldir.lattice import Lattice
 from eldir.parameters.printed import BuiltParameters
+from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
 from eldir.parameters.tolerances import RigTolerances
 from eldir_app.commands.shortlist import shortlist as command
 from eldir_cad.checks.lateral_stability import predict_lateral_stability
+from eldir_cad.checks.strip_law import spring_parameters
 from eldir_cad.checks.tipping import with_gap
 from eldir_cad.checks.violations import BuildReport
 from eldir_cad.kit.printer import fit_to_printer, load_printer
-from eldir_cad.kit.specification import load_specification
+from eldir_cad.kit.specification import kit_file, load_specification
 from eldir_cad.shortlist import ranking as module
 from eldir_cad.shortlist.folder import write_shortlist
 from eldir_cad.shortlist.ranking import RankedDesign, Shortlist, rank
@@ -87,10 +89,9 @@ def test_files_say_what_is_predicted(ranked):
 
 def test_the_predicted_displacement_is_that_of_the_gait(ranked):
     from eldir.built.gait import free_lengths
-    from eldir.parameters.springs import SpringParameters
 
     found, rows, _, _ = ranked
-    springs = SpringParameters()
+    springs = SpringParameters(current_limit=3.6)  # of the parts, and of a new rig file
     gait = found.candidates[0].gait
     again = displacements(
         [build(WALKER.morphology)],
@@ -207,6 +208,46 @@ def test_the_command_takes_springs_and_tolerances_from_the_run(tmp_path, monkeyp
     with raises(EldirError, "shortlist.empty"):
         command(tmp_path / "run", tmp_path / "out", top=3)
     assert seen == [(springs, tolerances)]
+
+
+def test_own_coils_count_once(monkeypatch):
+    """Those of the parts file, for all robots that walk."""
+    kit = load_specification()
+    wide = kit.model_copy(update={"coil": kit.coil.model_copy(update={"outer_diameter": 9.0})})
+    seen = []
+
+    def sampled(robots, gaits, seed, coarse):
+        seen.append(robots.robot)
+        return [SampledWalks(np.zeros(2), np.zeros(2))]
+
+    def screened(bodies, printed, springs, **_):
+        seen.append(RobotParameters(printed, springs))
+        gait = Gait(30.0, np.array([0.0, 0.4]), np.array([0.2, 0.2]))
+        return [ScreeningResult(0, 0.03, 0, np.array([0.5]), gait, True, "")]
+
+    monkeypatch.setattr(module, "sample_walks", sampled)
+    monkeypatch.setattr(module, "screen", screened)
+    monkeypatch.setattr(module, "predict_lateral_stability", lambda *_: None)
+    rank([WALKER], top=1, specification=wide)
+    rank([WALKER], top=1, springs=spring_parameters(wide))
+    assert [robot.printed.joints for robot in seen] == ["pins", "hubs"] * 2
+    for robot in seen:
+        assert robot.springs.coil_diameter == 8.25e-3 and robot.springs.current_limit == 3.6
+        assert robot.printed.hot_stiffness == pytest.approx(124.0 * (6.5 / 8.25) ** 3)
+
+
+def test_parts_go_before_the_springs_of_a_run_but_not_its_supply(tmp_path, monkeypatch):
+    text = kit_file("parts.yaml").read_text().replace("outer_diameter: 7.25", "outer_diameter: 9.0")
+    (tmp_path / "parts.yaml").write_text(text)
+    springs = SpringParameters(current_limit=3.1, ambient=18.0, turns=20.0)
+    PrintedRun.create(tmp_path / "run", PrintedEvolutionConfig(springs=springs))
+    seen = []
+    monkeypatch.setattr("eldir.evolution.designs.load_run", lambda _: [WALKER])
+    monkeypatch.setattr(module, "rank", lambda *given: seen.append(given[-1]) or rank([design(*TOWER)]))
+    for parts in (None, tmp_path / "parts.yaml"):
+        with raises(EldirError, "shortlist.empty"):
+            command(tmp_path / "run", tmp_path / "out", parts=parts)
+    assert seen == [springs, SpringParameters(current_limit=3.1, ambient=18.0, coil_diameter=8.25e-3)]
 
 
 def test_an_existing_folder_is_refused_before_anything_is_done(tmp_path):

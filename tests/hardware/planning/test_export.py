@@ -17,7 +17,7 @@ from eldir.lattice import Lattice
 from eldir.parameters.springs import SpringParameters
 from eldir_app.application import application
 from eldir_cad.kit.printer import Printer, load_printer
-from eldir_cad.kit.specification import Specification, load_specification
+from eldir_cad.kit.specification import Specification, kit_file, load_specification
 from eldir_cad.multibody.biplane import build_biplane
 from eldir_cad.multibody.model import build_multibody
 from eldir_hardware.planning.compiler import compile_schedule
@@ -88,7 +88,7 @@ def test_the_runner_moves_the_robot_as_the_rig_does(folder: Path, schedule: Actu
     subprocess.run([sys.executable, "robot-run.py"], cwd=folder, check=True, capture_output=True)
     rows = np.loadtxt(folder / "robot-motion.csv", delimiter=",", skiprows=1)
     model = build_multibody(DESIGN.morphology, *parts())
-    springs = SpringParameters()
+    springs = SpringParameters(current_limit=3.6)  # of the parts, and of a new rig file
     motion = MujocoMotion(model, (springs.cold_length, springs.hot_length))
     motion.follow(free_lengths(schedule, springs, len(model.coils)).mean(axis=2), ROW_INTERVAL)
     assert rows[-1, 0] == pytest.approx(schedule.duration)
@@ -122,7 +122,7 @@ def test_a_model_with_both_faces_stands_and_moves_as_that_of_the_rig(folder: Pat
     np.savetxt(table, rows, delimiter=",", header=table.read_text().split("\n")[0], comments="")
     subprocess.run([sys.executable, "robot-run.py"], cwd=tmp_path, check=True, capture_output=True)
     moved = np.loadtxt(tmp_path / "robot-motion.csv", delimiter=",", skiprows=1)[-1, 1:].reshape(-1, 3)
-    springs, biplane = SpringParameters(), build_biplane(DESIGN.morphology, *parts())
+    springs, biplane = SpringParameters(current_limit=3.6), build_biplane(DESIGN.morphology, *parts())
     motion = BiplaneMotion(biplane, (springs.cold_length, springs.hot_length))
     between = np.diff(rows[:, 1 : 1 + 2 * motors], axis=0)
     assert np.ptp(between) > 0, "something is heated"
@@ -131,6 +131,24 @@ def test_a_model_with_both_faces_stands_and_moves_as_that_of_the_rig(folder: Pat
     expected = motion.discs.mean(axis=1)
     assert moved == pytest.approx(expected, abs=3e-4)
     assert np.abs(moved[:, 1]).max() > 2e-4, "faces that are heated unlike leave the plane"
+
+
+def test_own_coils_are_those_of_the_parts_file(folder: Path, tmp_path: Path) -> None:
+    """Softer by the third power of their diameter, and slower: half the current, a quarter of the heat."""
+    text = kit_file("parts.yaml").read_text().replace("outer_diameter: 7.25", "outer_diameter: 9.0")
+    (tmp_path / "parts.yaml").write_text(text.replace("current_limit_a: 3.6", "current_limit_a: 1.8"))
+    given = [str(folder / "design.json"), "--schedule", str(folder / "schedule.json")]
+    options = ["--parts", str(tmp_path / "parts.yaml"), "--out", str(tmp_path / "robot.xml")]
+    result = CliRunner().invoke(application("export"), ["export", *given, *options])
+    assert result.exit_code == 0, result.output
+    own, usual = (
+        np.loadtxt(where / "robot-schedule.csv", delimiter=",", skiprows=1) for where in (tmp_path, folder)
+    )
+    motors = DESIGN.morphology.motors
+    lengths, stiffness = slice(1, 1 + motors), slice(1 + motors, None)
+    np.testing.assert_allclose(own[0, stiffness], usual[0, stiffness] * (6.5 / 8.25) ** 3)
+    np.testing.assert_array_equal(own[0, lengths], usual[0, lengths])
+    assert (own[:, lengths].max(axis=0) < usual[:, lengths].max(axis=0) - 5e-3).all()
 
 
 def test_the_same_design_gives_the_same_bytes(folder: Path, tmp_path: Path) -> None:
