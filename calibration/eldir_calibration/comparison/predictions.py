@@ -24,7 +24,7 @@ from eldir.parameters.springs import SpringParameters
 from eldir.rollout import simulate_one
 from eldir.trajectory import Trajectory
 from eldir_calibration.comparison.film import PredictedBody, positions_at
-from eldir_calibration.comparison.recorded_run import RecordedRun
+from eldir_calibration.comparison.recorded_run import MeasuredConditions, RecordedRun
 from eldir_calibration.report.comparison import Motion
 from eldir_calibration.report.controls import sample_other_robots
 from eldir_calibration.report.verdict import SampledMotions, prediction_interval
@@ -89,18 +89,19 @@ def predict_runs(
     first run's robot."""
     simulations = [_prepare_run(run, scene) for run in runs]
     sampled = _prepare_samples(runs[0], scene, samples)
-    simulations += [_prepare_other(simulations[0], *other) for other in sample_other_robots(runs[0].design)]
+    others = sample_other_robots(runs[0].design, runs[0].rig.nominal_robot())
+    simulations += [_prepare_other(simulations[0], *other) for other in others]
     if scene is not None:
         simulations.append(_prepare_run(runs[0], None))
     every, body = _simulate([*simulations, *sampled])
     motions, sampled_motions = every[: len(simulations)], every[len(simulations) :]
-    own, others = motions[: len(runs)], motions[len(runs) :]
-    before = others.pop() if scene is not None else None
+    own, other_motions = motions[: len(runs)], motions[len(runs) :]
+    before = other_motions.pop() if scene is not None else None
     if None in own or (scene is not None and before is None):
         raise divergence_error("the predicted motion")
     found = SampledMotions.of(sampled_motions, len(runs[0].names))
     return PredictedMotions(
-        simulate_evolved(runs[0]), [m for m in own if m], [m for m in others if m], before, found, body
+        simulate_evolved(runs[0]), [m for m in own if m], [m for m in other_motions if m], before, found, body
     )
 
 
@@ -121,9 +122,12 @@ class LivePrediction(NamedTuple):
     """The motion of all masses of the predicted robot."""
 
 
-def predict_live(design: Design, schedule: ActuationSchedule, rig: Rig) -> LivePrediction:
-    """The motions of `predict_motions`, and the whole predicted robot. Raises as it does."""
-    run = RecordedRun(design, schedule, rig)
+def predict_live(
+    design: Design, schedule: ActuationSchedule, rig: Rig, room_c: float | None = None
+) -> LivePrediction:
+    """The motions of `predict_motions`, and the whole predicted robot; `room_c`: the air that was measured
+    before the run [C]. Raises as it does."""
+    run = RecordedRun(design, schedule, rig, MeasuredConditions(room_c))
     (predicted,), body = _simulate([_prepare_run(run, None)])
     if predicted is None:
         raise divergence_error("the predicted motion")

@@ -18,6 +18,7 @@ from eldir.core.records import FloatArray, IntArray, Record, Rounded, record
 from eldir.design import MARKS, Design, marked_masses
 from eldir.genotype import random_genotypes
 from eldir.morphology import develop
+from eldir.parameters.robot import RobotParameters
 from eldir_calibration.report.comparison import CycleMean, Motion, agreements
 
 INTACT = "intact"
@@ -146,9 +147,12 @@ def _mean(values: list[float]) -> float:
     return float(np.mean(values)) if values else float("nan")
 
 
-def sample_other_robots(design: Design) -> list[tuple[PrintedRobot, IntArray]]:
+def sample_other_robots(
+    design: Design, robot: RobotParameters | None = None
+) -> list[tuple[PrintedRobot, IntArray]]:
     """Random printed robots, as in a first generation, of the same lattice with as many motors, and their
-    markers; the same for every report."""
+    markers; the same bodies for every report. `robot`: joints and springs of all of them, by default pins and
+    the kit's springs."""
     rng = np.random.default_rng(_SEED)
     motors = design.morphology.motors
     robots: list[tuple[PrintedRobot, IntArray]] = []
@@ -157,5 +161,5 @@ def sample_other_robots(design: Design) -> list[tuple[PrintedRobot, IntArray]]:
             body = develop(design.lattice, genotype)
             marks = marked_masses(body)
             if body.motors == motors and len(marks) == MARKS and len(robots) < OTHER_COUNT:
-                robots.append((build(body), marks))
+                robots.append((build(body, robot), marks))
     return robots

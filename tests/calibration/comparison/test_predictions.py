@@ -24,8 +24,15 @@ from eldir.parameters.robot import RobotParameters
 from eldir.trajectory import Trajectory
 from eldir_app.commands.show import show
 from eldir_cad.packet.folder import apply_variant
-from eldir_calibration.comparison.predictions import predict_motions, predict_runs, predict_walk
-from eldir_calibration.comparison.recorded_run import LoggedRun, RecordedRun
+from eldir_calibration.comparison import predictions
+from eldir_calibration.comparison.predictions import (
+    predict_body,
+    predict_live,
+    predict_motions,
+    predict_runs,
+    predict_walk,
+)
+from eldir_calibration.comparison.recorded_run import LoggedRun, MeasuredConditions, RecordedRun
 from eldir_calibration.dynamics.recording import Recording
 from eldir_calibration.identification.identification import read_filmed_gait
 from eldir_calibration.report.comparison import Motion
@@ -230,3 +237,27 @@ def test_the_robot_has_hubs_unless_the_engine_moves_it(driven: RecordedRun) -> N
         paths.append(predict_motions(driven.design, driven.schedule, rig)["predicted"].trajectory.positions)
     pins, mujoco, real = paths
     assert np.array_equal(mujoco, real) and np.abs(pins - real).max() > 1e-5
+
+
+def test_a_live_prediction_is_in_the_measured_air(driven: RecordedRun) -> None:
+    """As the live page and the report predict the same run."""
+    known = replace(driven, measured=MeasuredConditions(26.0))
+    of_run = (driven.design, driven.schedule, driven.rig)
+    warm, usual = (predict_live(*of_run, room).body.positions for room in (26.0, None))
+    np.testing.assert_array_equal(warm, predict_body(known).positions)
+    assert np.abs(warm - usual).max() > 1e-4
+
+
+def test_other_bodies_are_built_with_the_rig_of_the_run(
+    driven: RecordedRun, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[RobotParameters] = []
+
+    def no_others(design: object, robot: RobotParameters) -> list[object]:
+        asked.append(robot)
+        return []
+
+    monkeypatch.setattr(predictions, "sample_other_robots", no_others)
+    rig = driven.rig.model_copy(update={"kind": "real"})
+    assert predict_runs([replace(driven, rig=rig)], samples=2).others == []
+    assert asked == [rig.nominal_robot()] and asked[0].printed.joints == "hubs"

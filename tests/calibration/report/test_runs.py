@@ -31,6 +31,8 @@ from eldir_hardware.camera.plane import Plane
 from eldir_hardware.vision.tracking_quality import TrackingQuality
 from tests.calibration.report.report_input import SCHEMA, content
 from tests.calibration.report.striding_walkers import CYCLES, LENGTH, walker
+from tests.eldir.random_design import make_design
+from tests.hardware.rigs_and_schedules import rig_with
 
 INTACT_RUN = FilmedRun("a.mcap", INTACT, "", walker(speed=0.03, noise=1e-4), walker(speed=0.028))
 WITHOUT = FilmedRun(
@@ -100,6 +102,23 @@ def test_other_robots_have_as_many_motors_and_five_marks() -> None:
     assert len(first) == OTHER_COUNT
     for (a, marks), (b, _) in zip(first, second, strict=True):
         assert a == b and a.active.sum() == robot.motors and len(marks) == 5
+
+
+def test_other_robots_have_the_joints_and_springs_of_the_rig() -> None:
+    """Wire of 0.7 mm instead of 0.75 is less stiff by its fourth power; the kit's springs change no digit."""
+    design = make_design(3, Lattice(3, 6))
+    soft = {"wire_diameter_mm": 0.7, "resistance_ohm": 1.18}
+    rigs = [rig_with(), rig_with(springs=soft, supply={"current_limit_a": 3.0})]
+    real = rigs[0].model_copy(update={"kind": "real"})
+    kit, own, wired, hubs = (
+        sample_other_robots(design, *args)
+        for args in ((), *((rig.nominal_robot(),) for rig in (*rigs, real)))
+    )
+    for (a, _), (b, _), (c, _), (d, _) in zip(kit, own, wired, hubs, strict=True):
+        np.testing.assert_array_equal(a.stiffness, b.stiffness)
+        np.testing.assert_array_equal(a.masses, b.masses)
+        np.testing.assert_allclose(c.stiffness[c.active] / a.stiffness[a.active], (0.7 / 0.75) ** 4)
+        assert d.parameters.joints == "hubs" != a.parameters.joints
 
 
 def test_controls_nulls_and_tracking_are_in_page_and_numbers(tmp_path: Path) -> None:

@@ -48,6 +48,8 @@ class RangeOfMotionNode(RigNode):
         self._ground = frame_name(self, marks.FRAME_ID)
         self._replayed: ActuationSchedule | None = None
         """The schedule of the log that is replayed."""
+        self._replayed_room_c: float | None = None
+        """The air that was measured before the run that is replayed [C]."""
         self._design: Design | None = None
         self._run: LiveRangeOfMotion | None = None
         self._start_ns = 0
@@ -62,11 +64,11 @@ class RangeOfMotionNode(RigNode):
         self._replayed = None
         if log is not None:
             self._replayed = read_from(log, "schedule.json", ActuationSchedule)
-            self._start_ns = log.log.epoch_ns
+            self._start_ns, self._replayed_room_c = log.log.epoch_ns, log.log.room_c
 
     def start(self) -> None:
         if self._replayed is not None:
-            self._begin(self._replayed, self._start_ns)
+            self._begin(self._replayed, self._start_ns, self._replayed_room_c)
 
     def halt(self) -> None:
         self._end()
@@ -90,9 +92,10 @@ class RangeOfMotionNode(RigNode):
             if message.state != Run.FINISHED:  # of a finished one, the last markers are still on their way
                 self._end()
             return
-        self._begin(schedule_from(message.schedule), nanoseconds(message.start))
+        room_c = runs.room_of(message)
+        self._begin(schedule_from(message.schedule), nanoseconds(message.start), room_c)
 
-    def _begin(self, schedule: ActuationSchedule, start_ns: int) -> None:
+    def _begin(self, schedule: ActuationSchedule, start_ns: int, room_c: float | None) -> None:
         if self._design is None:
             return
         self._start_ns = start_ns
@@ -100,7 +103,7 @@ class RangeOfMotionNode(RigNode):
         self._stop_prediction()
         receiver, sender = _CONTEXT.Pipe(duplex=False)
         process = _CONTEXT.Process(
-            target=_predict, args=(sender, self._design, self._rig, schedule), daemon=True
+            target=_predict, args=(sender, self._design, self._rig, schedule, room_c), daemon=True
         )
         process.start()
         self._prediction = process  # not before: a node that is shut down meanwhile could not end it
@@ -152,13 +155,15 @@ class RangeOfMotionNode(RigNode):
                 )
 
 
-def _predict(sender: Connection, design: Design, rig: Rig, schedule: ActuationSchedule) -> None:
+def _predict(
+    sender: Connection, design: Design, rig: Rig, schedule: ActuationSchedule, room_c: float | None
+) -> None:
     """Send the predicted motions, or the error, from a separate process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches it too; the node ends it
     os.nice(_NICENESS)
     result: object
     try:
-        result = predict_live(design, schedule, rig)
+        result = predict_live(design, schedule, rig, room_c)
     except Exception as error:
         result = EldirError(str(error))
     with suppress(BrokenPipeError):  # the node has ended
