@@ -53,10 +53,13 @@ class HiddenRobot:
     def springs(self) -> tuple[SpringParameters, ...]:
         """The springs, front and back of each motor in turn."""
         seed = self.rig.virtual.seed
-        common = self.rig.spring_tolerances().perturb_by_seed(self._far.springs, seed)
+        tolerances = self.rig.spring_tolerances()
+        common = tolerances.perturb_by_seed(self._far.springs, seed)
         deviations = np.random.default_rng([seed, 3])
         common = replace(common, current_limit=self.current * common.current_limit)
-        every = [common.perturb(deviations) for entry in self.rig.channels for _ in entry.faces]
+        every = [
+            tolerances.perturb_one(common, deviations) for entry in self.rig.channels for _ in entry.faces
+        ]
         return tuple(every[: 2 * self.design.morphology.motors])
 
     @cached_property

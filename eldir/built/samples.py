@@ -74,7 +74,7 @@ class NominalRobots(RobotDistribution):
         strips = _sample_strips(self.morphology, printed.geometry, rng)
         # From a generator of its own: the robot is the same whatever the tolerances of its rig.
         springs = self.tolerances.perturb(self.robot.springs, rng.spawn(1)[0])
-        own = sample_springs(self.morphology.motors, springs, rng)
+        own = sample_springs(self.morphology.motors, springs, self.tolerances, rng)
         feet = sample_feet(len(self.morphology.positions), rng)
         printed = replace(printed, geometry=0.0)
         return RobotParameters(printed, springs, strips, feet=feet, own_springs=own)

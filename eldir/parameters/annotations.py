@@ -10,8 +10,8 @@ right. A `LargeSpread` is that of virtual rigs that are to be identified. All: d
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from functools import cache
 from typing import Any, Literal, TypeVar, get_type_hints
 
@@ -113,9 +113,16 @@ def field_annotations(kind: type, wanted: type[_Annotation]) -> tuple[tuple[str,
     )
 
 
-def vary(part: Any, rng: np.random.Generator, first: Sequence[str] = ()) -> dict[str, Any]:
+def vary(
+    part: Any,
+    rng: np.random.Generator,
+    first: Sequence[str] = (),
+    max_spreads: Mapping[str, float] | None = None,
+) -> dict[str, Any]:
     """Random values within the tolerances of a record, by field. The fields in `first` are sampled in this
-    order, what depends on the joints last; then all others in the order of the record."""
+    order, what depends on the joints last; then all others in the order of the record. `max_spreads`: bounds
+    of the spreads of some fields."""
+    bounds = max_spreads or {}
 
     def rank(entry: tuple[str, Tolerance]) -> tuple[bool, bool, int]:
         name, tolerance = entry
@@ -129,6 +136,7 @@ def vary(part: Any, rng: np.random.Generator, first: Sequence[str] = ()) -> dict
         if not tolerance.joints or tolerance.joints == part.joints:
             key, name = tolerance.shared or (field, tolerance), tolerance.attribute or field
             if key not in changes:
-                changes[key] = tolerance.sample(rng)
+                spread = min(tolerance.spread, bounds.get(name, tolerance.spread))
+                changes[key] = replace(tolerance, spread=spread).sample(rng)
             values[name] = tolerance.apply(getattr(part, name), changes[key])
     return values

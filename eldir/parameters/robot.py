@@ -21,6 +21,7 @@ from eldir.core.validation import field_texts
 from eldir.morphology import Morphology
 from eldir.parameters.printed import STRIP_SPREAD, BuiltParameters
 from eldir.parameters.springs import SpringParameters
+from eldir.parameters.tolerances import RigTolerances
 from eldir.parameters.uncertain import LISTED, PARAMETERS
 
 FOOT_SPREAD = 0.1
@@ -190,10 +191,11 @@ def sample_feet(masses: int, rng: np.random.Generator) -> FloatArray:
 
 
 def sample_springs(
-    motors: int, springs: SpringParameters, rng: np.random.Generator
+    motors: int, springs: SpringParameters, tolerances: RigTolerances, rng: np.random.Generator
 ) -> tuple[SpringParameters, ...]:
     """The spring of each motor: the mean of two springs within their tolerances, one on each face."""
-    return tuple(SpringParameters.mean([springs.perturb(rng) for _ in range(_FACES)]) for _ in range(motors))
+    own = [[tolerances.perturb_one(springs, rng) for _ in range(_FACES)] for _ in range(motors)]
+    return tuple(SpringParameters.mean(both) for both in own)
 
 
 def part_names(morphology: Morphology) -> tuple[str, ...]:

@@ -13,7 +13,7 @@ millimetres). A coil then loses heat like a solid cylinder of its outer diameter
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 from functools import cached_property
 from typing import Annotated, Any
@@ -267,10 +267,13 @@ class SpringParameters(Record):
         values: dict[str, Any] = {n: float(np.mean([getattr(s, n) for s in springs])) for n in names}
         return replace(springs[0], **values)
 
-    def perturb(self, rng: np.random.Generator) -> SpringParameters:
-        """Another spring of the same batch on the same rig, within the tolerances of its fields. What all of
-        them have in common is `eldir.parameters.tolerances`."""
-        values = vary(self, rng, _SAMPLED_FIRST)
+    def perturb(
+        self, rng: np.random.Generator, max_spreads: Mapping[str, float] | None = None
+    ) -> SpringParameters:
+        """Another spring of the same batch on the same rig, within the tolerances of its fields.
+        `max_spreads`: bounds of their standard deviations. What all springs have in common, and the bounds
+        that a rig file gives: `eldir.parameters.tolerances`."""
+        values = vary(self, rng, _SAMPLED_FIRST, max_spreads)
         resistance = values.pop("resistance")
         return replace(self, **values).with_resistance(resistance)
 

@@ -1,7 +1,7 @@
 """Errors of heating that all springs of a rig have in common: of supply, air, room, and their wire.
 
 A spring's own deviations are independent of the others' and mostly cancel in a walk
-(`SpringParameters.perturb`). Common ones do not: pulses end on the steep part of the transformation, where a
+(`RigTolerances.perturb_one`). Common ones do not: pulses end on the steep part of the transformation, where a
 little less heat is much less stroke.
 """
 
@@ -16,6 +16,7 @@ from pydantic import Field
 
 from eldir.core.records import Record, record
 from eldir.parameters.annotations import Tolerance, field_annotations
+from eldir.parameters.bench import RESISTANCE_TOLERANCE
 from eldir.parameters.springs import SpringParameters
 from eldir.parameters.uncertain import PARAMETERS
 
@@ -39,6 +40,8 @@ class RigTolerances(Record):
     """Tolerance of the transition temperatures of a batch of wire [K]."""
     stroke: Annotated[float, Field(ge=0, lt=1)] = 0.1
     """Relative tolerance of the stroke of a batch of springs, which depends on their training."""
+    resistance: Annotated[float, Field(ge=0, le=0.5)] = RESISTANCE_TOLERANCE
+    """Relative tolerance of the resistance of a spring, which springs do not have in common."""
 
     def perturb(self, springs: SpringParameters, rng: np.random.Generator) -> SpringParameters:
         """The springs on another rig of the same kind, of wire from another batch; each number is off by at
@@ -64,9 +67,22 @@ class RigTolerances(Record):
         """The springs on the virtual rig of a seed."""
         return self.perturb(springs, np.random.default_rng([seed, 5]))
 
+    def perturb_one(self, springs: SpringParameters, rng: np.random.Generator) -> SpringParameters:
+        """One spring of a rig whose `springs` have their errors in common. Its own standard deviations of
+        resistance and convection are at most half of these tolerances, so that a rig measured well has
+        springs as alike as its file says."""
+        convection = self.convection / 2
+        bounds = {
+            "resistance": self.resistance / 2,
+            "convection_fan": convection,
+            "convection_still": convection,
+        }
+        return springs.perturb(rng, bounds)
+
     @property
     def _common_convection(self) -> float:
         """Standard deviation that all springs have in common; with each spring's own deviation it is half of
         the tolerance."""
-        own = dict(field_annotations(SpringParameters, Tolerance))["convection_fan"].spread
-        return math.sqrt(max((self.convection / 2) ** 2 - own**2, 0.0))
+        both = self.convection / 2
+        own = min(dict(field_annotations(SpringParameters, Tolerance))["convection_fan"].spread, both)
+        return math.sqrt(both**2 - own**2)

@@ -54,7 +54,8 @@ def walk_sampled_biplane(
     ground = design.printed_terrain
     sample = sample_biplane(design.morphology, seed, design.ballast, terrain=ground, springs=springs)
     model = replace(sample, plane=replace(sample.plane, numerics=FINE_NUMERICS))
-    own = sample_face_springs(len(gait.phase), seed, tolerances.perturb_by_seed(springs, seed))
+    on_rig = tolerances.perturb_by_seed(springs, seed)
+    own = sample_face_springs(len(gait.phase), seed, on_rig, tolerances)
     table = heat_faces(gait, own, cycles, design.morphology.motor_hubs)
     return measure_biplane_walk(model, design.morphology, table, cycles, springs, cancelled)
 

@@ -65,7 +65,7 @@ def walk_sampled_robot(
     sample = sample_multibody(design.morphology, seed, design.ballast, terrain=ground, springs=springs)
     model = replace(sample, numerics=FINE_NUMERICS)
     on_rig = tolerances.perturb_by_seed(springs, seed)
-    heating = sample_heating(gait, seed, on_rig, cycles, design.morphology.motor_hubs)
+    heating = sample_heating(gait, seed, on_rig, cycles, design.morphology.motor_hubs, tolerances)
     return measure_walk(model, design.morphology, heating, cycles, springs, cancelled)
 
 
@@ -86,19 +86,30 @@ def walk_given_robot(
 
 
 def sample_heating(
-    gait: Gait, seed: int, springs: SpringParameters, cycles: int, hubs: IntArray | None = None
+    gait: Gait,
+    seed: int,
+    springs: SpringParameters,
+    cycles: int,
+    hubs: IntArray | None = None,
+    tolerances: RigTolerances | None = None,
 ) -> FreeLengths:
     """Free lengths of motors whose springs, one on each face, deviate by the seed; a motor follows their
     mean. `hubs` of each motor: heat passes between springs of one face."""
     motors = len(gait.phase)
-    table = heat_faces(gait, sample_face_springs(motors, seed, springs), cycles, hubs)
+    table = heat_faces(gait, sample_face_springs(motors, seed, springs, tolerances), cycles, hubs)
     return replace(table, lengths=table.lengths.reshape(-1, motors, _FACES).mean(axis=2))
 
 
-def sample_face_springs(motors: int, seed: int, springs: SpringParameters) -> list[SpringParameters]:
-    """The springs that a seed gives both faces, in the order of `eldir.built.gait.heat_faces`."""
-    deviations = np.random.default_rng([seed, 3])
-    return [springs.perturb(deviations) for _ in range(_FACES * motors)]
+def sample_face_springs(
+    motors: int,
+    seed: int,
+    springs: SpringParameters,
+    tolerances: RigTolerances | None = None,
+) -> list[SpringParameters]:
+    """The springs that a seed gives both faces, in the order of `eldir.built.gait.heat_faces`.
+    `tolerances` of their rig: by default those of a new rig file."""
+    deviations, allowed = np.random.default_rng([seed, 3]), tolerances or RigTolerances()
+    return [allowed.perturb_one(springs, deviations) for _ in range(_FACES * motors)]
 
 
 def measure_walk(

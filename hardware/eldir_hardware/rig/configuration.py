@@ -275,9 +275,12 @@ class Rig(Section):
         return found
 
     def spring_tolerances(self) -> RigTolerances:
-        """How far all springs together may be from `spring_parameters`."""
+        """How far the springs may be from `spring_parameters`."""
         t = self.tolerances
-        return RigTolerances(t.current, t.convection_tolerance, t.ambient_min_c, t.ambient_max_c)
+        resistance = self.springs.resistance_tolerance
+        return RigTolerances(
+            t.current, t.convection_tolerance, t.ambient_min_c, t.ambient_max_c, resistance=resistance
+        )
 
     def spring_parameters(self, *, fan: bool | None = None) -> SpringParameters:
         """The nominal springs on this supply. A missing resistance is computed from the wire.

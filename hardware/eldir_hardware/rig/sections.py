@@ -12,7 +12,6 @@ from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from eldir.core.validation import Section
 from eldir.errors import InputError
-from eldir.parameters.bench import RESISTANCE_TOLERANCE
 from eldir.parameters.tolerances import RigTolerances
 from eldir_hardware.current_sensor import CHIPS
 from eldir_hardware.relay.registration import get_board
@@ -105,7 +104,7 @@ class SpringEntry(Section):
     resistance_ohm: Annotated[float, Field(gt=0)] | None = None
     """Measured resistance of one spring at room temperature [Ohm]; it must fit the wire (0.4 to 1.3 uOhm m),
     and without it the rig does not arm."""
-    resistance_tolerance: Annotated[float, Field(ge=0.01, le=0.5)] = RESISTANCE_TOLERANCE
+    resistance_tolerance: Annotated[float, Field(ge=0.01, le=0.5)] = _KIT.resistance
     """Relative tolerance of a spring's resistance; the limits are checked for the worst spring."""
     ambient_c: Annotated[float, Field(gt=-20, lt=45)] = 22.0
     """Expected air temperature [C]; its range is in `tolerances`."""

@@ -111,12 +111,13 @@ class VirtualRig:
         self._closed = threading.Event()
         self._failure: Exception | None = None
         self._watchers: list[threading.Thread] = []
-        common = rig.spring_tolerances().perturb_by_seed(springs or rig.spring_parameters(), rig.virtual.seed)
+        tolerances = rig.spring_tolerances()
+        common = tolerances.perturb_by_seed(springs or rig.spring_parameters(), rig.virtual.seed)
         deviations = np.random.default_rng([rig.virtual.seed, 3])
         coils = [(c.spring, face) for c in rig.channels for face in c.faces]
         self.springs = ThermalSprings(
             [c.channel for c in rig.channels for _ in c.faces],
-            [common.perturb(deviations) for _ in coils],
+            [tolerances.perturb_one(common, deviations) for _ in coils],
             self.clock.now(),
             rig.cutoff_s,
             power_shares(rig, common) if rig.supply.outputs == "shared" else None,

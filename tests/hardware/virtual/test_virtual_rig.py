@@ -137,6 +137,22 @@ def test_a_far_rig_has_springs_of_its_own():
     )
 
 
+def test_springs_of_a_virtual_rig_are_as_alike_as_its_file_says():
+    """The file's tolerances are bounds of two standard deviations; the usual springs differ by 2 and 4 %."""
+
+    def deviations(**changes):
+        rigs = [rig_with(virtual={"seed": seed}, **changes) for seed in range(30)]
+        springs = [
+            (r.spring_parameters(), s) for r in rigs for s in VirtualRig(r, Piston()).springs.parameters
+        ]
+        pairs = [(s.resistance / n.resistance, s.convection_fan / n.convection_fan) for n, s in springs]
+        return np.abs(np.array(pairs) - 1).max(axis=0)
+
+    narrow = {"springs": {"resistance_tolerance": 0.01}, "tolerances": {"convection_tolerance": 0.02}}
+    assert deviations(**narrow) == pytest.approx([0.01, 0.02])
+    assert (deviations() > [0.035, 0.1]).all()
+
+
 def test_the_file_decides_whether_the_robot_is_far():
     """As `eldir rig drive` and the ROS node take it: other parts and other springs."""
     near, far = (rig_with(virtual={"seed": 5, "parameter_spread": spread}) for spread in ("small", "large"))
