@@ -121,7 +121,7 @@ class ThermalSprings:
     def advance(self, t: float) -> FloatArray:
         """Advance to the last whole step before `t`; free lengths after each step [m], shape (steps, A)."""
         steps = int(np.floor((t - self._start) / STEP + 1e-6)) - self._steps
-        lengths = [np.empty((0, len(self.parameters)))]
+        lengths: list[FloatArray] = [np.empty((0, len(self.parameters)))]
         while steps > 0:
             with self._lock:  # contact events come from the board's thread
                 share = scale_by_shares(self._heating_shares(steps), self._power_shares)
