@@ -11,11 +11,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eldir.built.robot import build, count_mechanisms, find_held_motors, static_margin
+from eldir.built.robot import PrintedRobot, build, count_mechanisms, find_held_motors, static_margin
+from eldir.core.records import FloatArray
 from eldir.design import marked_masses
 from eldir.lattice import HALF_SIDE
 from eldir.morphology import Morphology
-from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.springs import SpringParameters
 from eldir_cad.checks._kit_differences import note_differences
 from eldir_cad.checks.contacts import Lead, find_contacts, find_leads
@@ -65,18 +65,27 @@ class CheckedBody(NamedTuple):
 
 
 def check(
-    morphology: Morphology, spec: Specification, printer: Printer, springs: SpringParameters | None = None
+    morphology: Morphology,
+    spec: Specification,
+    printer: Printer,
+    springs: SpringParameters | None = None,
+    ballast: FloatArray | float = 0.0,
 ) -> BuildReport:
     """Check whether a body can be printed, assembled and driven, and whether it stands.
 
-    A refused body is not checked further, because the simulation of its motion may take long. `springs`: of a
-    rig, instead of the coils of the specification.
+    `springs`: of a rig, instead of the coils of the specification. `ballast` of one plane [kg], as
+    `eldir.built.robot.build` takes it. A refused body is not checked further, because the simulation of its
+    motion may take long.
     """
-    return check_with_leads(morphology, spec, printer, springs).report
+    return check_with_leads(morphology, spec, printer, springs, ballast).report
 
 
 def check_with_leads(
-    morphology: Morphology, spec: Specification, printer: Printer, springs: SpringParameters | None = None
+    morphology: Morphology,
+    spec: Specification,
+    printer: Printer,
+    springs: SpringParameters | None = None,
+    ballast: FloatArray | float = 0.0,
 ) -> CheckedBody:
     """As `check`, with the wires that it found in the simulated motion."""
     own, spec = spec, spec if springs is None else spec.with_coil(springs)
@@ -86,9 +95,9 @@ def check_with_leads(
     leads: list[Lead] = []
     if not violations:
         law = StripLaw.of(spec, printer)
-        robot = built_parameters(spec, printer, springs)
         motion = simulate_stroke(morphology, spec, law, springs)
         leads = find_leads(motion, morphology, spec)
+        robot = build(morphology, built_parameters(spec, printer, springs), ballast=ballast)
         for new_violations, values in (
             _check_hinges(morphology, spec),
             _check_mechanisms(morphology, spec),
@@ -96,8 +105,8 @@ def check_with_leads(
             _check_collisions(motion, morphology, spec),
             _check_strains(motion, morphology, spec, printer, law),
             _check_socket_turns(motion, morphology, spec),
-            _check_stability(motion, morphology, spec, robot),
-            _check_tipping(morphology, spec, robot),
+            _check_stability(motion, robot, spec),
+            _check_tipping(robot, spec),
             _check_leads(leads, motion, morphology, spec),
             (note_differences(own, printer), {}),
             _count_parts(morphology, spec, printer, springs.mass),
@@ -264,10 +273,8 @@ def _check_socket_turns(motion: Stroke, morphology: Morphology, spec: Specificat
     return [Violation("turn", "note", (f"mass {worst}",), by, "degrees", message, remedy)], figures
 
 
-def _check_stability(
-    motion: Stroke, morphology: Morphology, spec: Specification, robot: BuiltParameters
-) -> _CheckResult:
-    margin = 1e3 * static_margin(build(morphology, robot))
+def _check_stability(motion: Stroke, robot: PrintedRobot, spec: Specification) -> _CheckResult:
+    margin = 1e3 * static_margin(robot)
     spread = foot_stroke(motion)
     violations = []
     required, safe = spec.safety.static_margin, spec.safety.static_margin_safe
@@ -291,9 +298,9 @@ def _check_stability(
     return violations, {"static_margin_mm": margin, "foot_stroke_mm": spread}
 
 
-def _check_tipping(morphology: Morphology, spec: Specification, robot: BuiltParameters) -> _CheckResult:
+def _check_tipping(robot: PrintedRobot, spec: Specification) -> _CheckResult:
     """Whether springs of the faces that are heated unlike can tip the robot over sideways."""
-    height = centre_height(build(morphology, robot), spec)
+    height = centre_height(robot, spec)
     tips, twist = tipping_angle(spec, height), twist_angle(spec)
     margin = tips - twist
     violations = []

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
-from eldir.built.robot import build, feet
+from eldir.built.robot import PrintedRobot, feet
 from eldir.core.pictures import GROUND, MARK, MOTOR
 from eldir.core.records import FloatArray, IntArray
 from eldir.morphology import Morphology
@@ -35,8 +35,9 @@ _FOOT: dict[str, Any] = {"color": "black", "markersize": 6}
 _CENTRE: dict[str, Any] = {"color": CONNECTOR, "mec": "black", "markersize": 11, "zorder": 6}
 
 
-def draw_findings(morphology: Morphology, report: BuildReport) -> Figure:
-    """The body with its hinges, feet and faulty parts, and the motions by which it can fold."""
+def draw_findings(morphology: Morphology, robot: PrintedRobot, report: BuildReport) -> Figure:
+    """The body with its hinges, feet and faulty parts, the centre of mass of its `robot`, and the motions by
+    which it can fold."""
     at, springs = morphology.positions, morphology.springs
     folding = find_mechanisms(at, springs)
     driven = find_mechanisms(at, springs[~morphology.active])
@@ -58,7 +59,7 @@ def draw_findings(morphology: Morphology, report: BuildReport) -> Figure:
         axes = figure.add_subplot(grid[i // columns, i % columns])
         _draw_body(axes, morphology, _faulty_parts(report))
         if motion is None:
-            _draw_symbols(axes, morphology)
+            _draw_symbols(axes, morphology, robot)
         else:
             velocities = _mostly_at_rest(at, springs, motion)
             arrows = _ARROW * velocities / np.linalg.norm(velocities, axis=1).max()
@@ -128,9 +129,8 @@ def _draw_body(axes: Axes, morphology: Morphology, faulty: set[str]) -> None:
     axes.axis("off")
 
 
-def _draw_symbols(axes: Axes, morphology: Morphology) -> None:
+def _draw_symbols(axes: Axes, morphology: Morphology, robot: PrintedRobot) -> None:
     x, y = morphology.positions.T
-    robot = build(morphology)
     rings = [h.mass for h in find_hinges(morphology)]
     axes.plot(x[rings], y[rings], "o", **_HINGE)
     for i, (px, py) in enumerate(morphology.positions):

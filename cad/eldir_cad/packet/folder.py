@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from eldir.built.robot import build
 from eldir.controller import Controller
 from eldir.core.arguments import require_value
 from eldir.core.files import new_folder, write_bytes, write_text
@@ -24,6 +25,7 @@ from eldir.parameters.wiring import Wiring, wiring
 from eldir.terrain import TerrainFile
 from eldir_cad.checks.buildability import check_with_leads
 from eldir_cad.checks.contacts import Lead
+from eldir_cad.checks.strip_law import built_parameters
 from eldir_cad.checks.violations import BuildReport
 from eldir_cad.geometry.shapes import stl
 from eldir_cad.kit.prices import Prices
@@ -75,7 +77,7 @@ def write_packet(
     printer = printer or load_printer()
     spec = fit_to_printer(specification or load_specification(), printer)
     built = apply_variant(design, variant or Variant())
-    report, leads = check_with_leads(built.morphology, spec, printer)
+    report, leads = check_with_leads(built.morphology, spec, printer, ballast=built.ballast / 2)
     report.require_buildable()
     with new_folder(out) as folder:
         content = make_content(built, report, spec, printer)
@@ -104,7 +106,6 @@ def _write_files(
         for plate in c.ground_plates:
             write_bytes(folder / "plates" / f"{plate.name}.3mf", plate.threemf())
             write_bytes(folder / "plates" / f"{plate.name}.stl", plate.stl())
-    body = c.assembly.morphology
     lead_mm = max(lead_lengths(leads).values())
     for_robot, for_bench = parts_to_buy(c), bench_items(c, connections, lead_mm)
     cost = None if prices is None else total_cost(c, for_robot, for_bench, prices)
@@ -114,7 +115,9 @@ def _write_files(
     plan = _drawing.draw_assembly_map(c.assembly, connections, ballast)
     footer = _footer(folder, c)
     preview = png(_drawing.draw_robot(c.assembly, c.spec))
-    pages = [plan, *draw_order_of_work(c, connections, preview), draw_findings(body, c.report)]
+    robot = build(c.built.morphology, built_parameters(c.spec, c.printer), ballast=c.built.ballast / 2)
+    findings = draw_findings(c.built.morphology, robot, c.report)
+    pages = [plan, *draw_order_of_work(c, connections, preview), findings]
     if c.ground is not None:
         pages.append(draw_ground(c, c.ground))
     write_bytes(folder / "assembly.pdf", pdf(add_footer(pages, footer)))

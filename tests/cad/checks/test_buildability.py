@@ -245,7 +245,7 @@ def test_mechanisms_change_no_length_and_hold_nothing_rigid(rows, free):
 
 def test_the_drawing_shows_every_way_to_fold():
     hourglass = body(*HOURGLASS)
-    figure = draw_findings(hourglass, check(hourglass, SPEC, PRINTER))
+    figure = draw_findings(hourglass, build(hourglass), check(hourglass, SPEC, PRINTER))
     titles = [axes.get_title() for axes in figure.axes]
     assert titles[:2] == ["hinges, feet and faults", "folds with all springs (1 of 1)"]
     arrows = figure.axes[1].collections[-1]
@@ -253,6 +253,25 @@ def test_the_drawing_shows_every_way_to_fold():
     # One triangle turns about the mass that both share, the other stands still.
     assert sorted(lengths)[:3] == pytest.approx([0, 0, 0], abs=2e-3)
     assert min(sorted(lengths)[3:]) > 0.02
+
+
+def test_a_ballast_moves_the_centre_of_mass():
+    """By its weight over that of the robot. Higher up it makes the robot tip earlier."""
+    block, grams = body(*BLOCK), 45.0
+    bare, robot = check(block, SPEC, PRINTER).figures, build(block)
+    plane, (x, y) = 1e3 * robot.masses.sum(), 1e3 * robot.positions.T
+    centre = 1e3 * (robot.masses @ robot.positions) / robot.masses.sum()
+    front, top = int(np.lexsort((y, -x))[0]), int(np.argmax(y))
+    for mass in (front, top):
+        ballast = np.zeros(len(x))
+        ballast[mass] = 1e-3 * grams / 2
+        loaded = check(block, SPEC, PRINTER, ballast=ballast).figures
+        moved = (robot.positions[mass] * 1e3 - centre) * (grams / 2) / (plane + grams / 2)
+        feet = x[y < 1e-6]
+        margin = min(centre[0] + moved[0] - feet.min(), feet.max() - centre[0] - moved[0])
+        assert loaded["static_margin_mm"] == pytest.approx(margin, abs=1e-6) != bare["static_margin_mm"]
+        height = SPEC.outside / np.tan(np.radians([loaded["tipping_angle_deg"], bare["tipping_angle_deg"]]))
+        assert height[0] - height[1] == pytest.approx(moved[1], abs=1e-4)
 
 
 def test_feet_that_the_motors_move():

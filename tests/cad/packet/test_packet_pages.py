@@ -10,6 +10,7 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
+from eldir.built.robot import build
 from eldir.core.pictures import png
 from eldir.design import Ballast, Variant
 from eldir.parameters.wiring import FACES, wiring
@@ -151,7 +152,7 @@ def test_a_cross_is_on_the_faulty_masses_alone():
     hourglass = body(*HOURGLASS)
     fault = Violation("crowded", "unfit", ("mass 3 front", "mass 1"), 1.0, "mm", "too near", "move it")
     hinge = Violation("hinge", "note", ("mass 2",), 1.0, "", "it turns", "look")
-    axes = draw_findings(hourglass, BuildReport.of((fault, hinge), {})).axes[0]
+    axes = draw_findings(hourglass, build(hourglass), BuildReport.of((fault, hinge), {})).axes[0]
     at = {line.get_marker(): line.get_xydata() for line in axes.lines}
     assert at["X"].tolist() == hourglass.positions[[1, 3]].tolist()
 

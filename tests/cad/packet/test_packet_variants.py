@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eldir.built.robot import build
+from eldir.built.robot import build, static_margin
 from eldir.design import Ballast, Design, Variant, marked_masses
 from eldir.errors import InputError
 from eldir_cad.kit.printer import fit_to_printer, load_printer
@@ -67,6 +67,18 @@ def test_the_papers_control_robot(control):
     assert 2 * (shot + holder["weight_g"]) == pytest.approx(9.0, abs=0.02)
     assert made.manifest.clearance.tightest_mm == pytest.approx(SPEC.clearance, rel=0.02)
     assert made.manifest.parts["passive_spring"].count == 2 * (len(was.springs) - 1)
+
+
+def test_the_build_filter_knows_the_ballast(control):
+    """Report and page of findings: the centre of mass is that of the robot with the weight."""
+    path, made, pages = control
+    built = Design.load(path / "design.json")
+    robot = build(built.morphology, ballast=built.ballast / 2)
+    assert made.report.figures["static_margin_mm"] == pytest.approx(1e3 * static_margin(robot))
+    (page,) = [p for p in pages if p.texts and p.texts[0].get_text() == "Findings of the build filter"]
+    (centre,) = [line.get_xydata() for line in page.axes[0].lines if line.get_marker() == "P"]
+    expected = robot.masses @ built.morphology.positions / robot.masses.sum()
+    np.testing.assert_allclose(centre, [expected])
 
 
 def test_a_packet_of_a_packets_design_is_that_of_the_same_robot(control, tmp_path):
