@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from eldir.built.gait import read_gait
 from eldir.built.robot import build
 from eldir.controller import Controller
 from eldir.core.arguments import require_value
@@ -40,6 +41,9 @@ from eldir_cad.packet._viewer import assembly_page
 from eldir_cad.packet.cost import Cost, total_cost
 from eldir_cad.packet.manifest import Content, Manifest, make_content
 from eldir_cad.packet.shopping import bench_items, parts_to_buy
+
+_OF_EVOLVED = "predicted", "evolved_walk", "built_walk"
+"""Entries of a design's provenance that predict the walk of the evolved robot."""
 
 
 @dataclass(frozen=True)
@@ -143,8 +147,9 @@ def _footer(folder: Path, c: Content) -> str:
 
 def apply_variant(design: Design, variant: Variant) -> Design:
     """The design as it is built, with its `variant` (a motor replaced by a passive spring, a weight added)
-    and with the markers of the evolved design. Raises `InputError` for a motor that does not exist, and for a
-    design with another variant."""
+    and with the markers of the evolved design. Its other motors keep their part of the gait; walks that were
+    predicted for the evolved robot are left out. Raises `InputError` for a motor that does not exist, and
+    for a design with another variant."""
     if variant in (Variant(), design.variant):
         return design
     if design.variant != Variant():
@@ -155,7 +160,8 @@ def apply_variant(design: Design, variant: Variant) -> Design:
             found=f"a robot {design.variant}",
             remedy="give the evolved design, and all changes at once",
         )
-    genotype, controller = design.genotype, design.controller
+    genotype, controller, gait = design.genotype, design.controller, read_gait(design)
+    provenance = {name: value for name, value in design.provenance.items() if name not in _OF_EVOLVED}
     motor = variant.without_motor
     if motor is not None:
         body = design.morphology
@@ -165,6 +171,15 @@ def apply_variant(design: Design, variant: Variant) -> Design:
         genotype = Genotype(genotype.triangles, springs)
         kept = np.arange(body.motors) != motor
         controller = Controller(controller.w1, controller.b1, controller.w2[kept], controller.b2[kept])
+        if gait is not None:
+            provenance["gait"] = replace(gait, phase=gait.phase[kept], duty=gait.duty[kept]).to_json()
     # The markers stay on their masses: the control robot is compared with the design, mass by mass.
     marks = tuple(design.marks.tolist())
-    return replace(design, genotype=genotype, controller=controller, variant=variant, kept_marks=marks)
+    return replace(
+        design,
+        genotype=genotype,
+        controller=controller,
+        variant=variant,
+        kept_marks=marks,
+        provenance=provenance,
+    )

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from eldir.built.gait import Gait, read_gait
 from eldir.built.robot import build, static_margin
 from eldir.design import Ballast, Design, Variant, marked_masses
 from eldir.errors import InputError
@@ -149,6 +150,17 @@ def test_the_least_ballast_is_told():
         match="more than 0 and at most 100 g; found 0 g",
     ):
         Ballast.parse("0g@rear", ROBOT.morphology)
+
+
+def test_a_gait_is_that_of_the_motors_left_and_no_walk_of_the_evolved_robot_is_kept():
+    gait = Gait(24.0, np.array([0.0, 0.4]), np.array([0.2, 0.25]), "evolved")
+    walks = {"predicted": {}, "evolved_walk": {"expected": 1.0, "standard_error": 0.1, "samples": 16}}
+    robot = replace(ROBOT, provenance={"id": 24, "gait": gait.to_json(), **walks})
+    for motor, phase, duty in ((0, [0.4], [0.25]), (1, [0.0], [0.2]), (None, [0.0, 0.4], [0.2, 0.25])):
+        built = apply_variant(robot, Variant(motor, Ballast.parse("9g@front", ROBOT.morphology)))
+        assert built.provenance.keys() == {"id", "gait"}
+        assert read_gait(built) == Gait(24.0, np.array(phase), np.array(duty), "evolved")
+    assert apply_variant(robot, Variant()).provenance == robot.provenance
 
 
 def test_a_motor_that_is_not_there():
