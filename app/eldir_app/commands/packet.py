@@ -47,7 +47,7 @@ def packet(
     from eldir_cad.kit.prices import load_prices
     from eldir_cad.kit.printer import load_printer
     from eldir_cad.kit.specification import load_specification
-    from eldir_cad.packet.folder import write_packet
+    from eldir_cad.packet.folder import apply_variant, write_packet
     from eldir_hardware.markers.placement import placement_files
     from eldir_hardware.markers.registration import require_kind
 
@@ -57,19 +57,18 @@ def packet(
         mass = None if ballast is None else Ballast.parse(ballast, robot.morphology)
     except InputError as error:
         raise typer.BadParameter(str(error), param_hint="--ballast") from None
-    variant, specification = Variant(without_motor, mass), load_specification(parts)
+    built, specification = apply_variant(robot, Variant(without_motor, mass)), load_specification(parts)
     price_list = None if prices is None else load_prices(prices)
     require_kind(marker)
     console = Console(stderr=True)
     with console.status("computing parts and plates"):
-        sheets = placement_files(robot, 1e-3 * specification.scale, marker)
+        sheets = placement_files(built, 1e-3 * specification.scale, marker)
         printing = load_printer(printer)
         written = write_packet(
-            robot,
+            built,
             out,
             specification,
             printing,
-            variant,
             in_series=in_series,
             prices=price_list,
             more_files=sheets,

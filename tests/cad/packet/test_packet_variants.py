@@ -12,9 +12,11 @@ from eldir.built.gait import Gait, read_gait
 from eldir.built.robot import build, static_margin
 from eldir.design import Ballast, Design, Variant, marked_masses
 from eldir.errors import InputError
+from eldir_app.commands.packet import packet as command
 from eldir_cad.kit.printer import fit_to_printer, load_printer
 from eldir_cad.kit.specification import load_specification
 from eldir_cad.packet.folder import apply_variant, write_packet
+from eldir_hardware.markers.placement import placement_files
 from tests.cad.drawn_bodies import BLOCK, design
 from tests.raised import raises
 
@@ -161,6 +163,17 @@ def test_a_gait_is_that_of_the_motors_left_and_no_walk_of_the_evolved_robot_is_k
         assert built.provenance.keys() == {"id", "gait"}
         assert read_gait(built) == Gait(24.0, np.array(phase), np.array(duty), "evolved")
     assert apply_variant(robot, Variant()).provenance == robot.provenance
+
+
+def test_markers_are_drawn_on_the_robot_that_is_built(tmp_path):
+    """As for the design of the packet, not as for the one with all motors."""
+    ROBOT.save(tmp_path / "design.json")
+    command(tmp_path / "design.json", tmp_path / "packet", without_motor=0)
+    built = Design.load(tmp_path / "packet" / "design.json")
+    drawn = (tmp_path / "packet" / "markers.pdf").read_bytes()
+    assert built.morphology.motors == 1
+    assert drawn == placement_files(built, 1e-3 * SPEC.scale)["markers.pdf"]
+    assert drawn != placement_files(ROBOT, 1e-3 * SPEC.scale)["markers.pdf"]
 
 
 def test_a_motor_that_is_not_there():
