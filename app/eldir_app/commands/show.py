@@ -103,13 +103,12 @@ def _predicted(
     or rig."""
     from eldir.built.robot import build
     from eldir.core.yaml_files import parse_yaml
-    from eldir.errors import InputError
     from eldir.show import PRINTED_SPEED, printed_frames
     from eldir_calibration.comparison.predictions import predict_body
     from eldir_calibration.comparison.recorded_run import RecordedRun
     from eldir_hardware.rig.configuration import Rig
     from eldir_hardware.rig.template import virtual_rig
-    from eldir_hardware.safety.compatibility import describe_mismatch
+    from eldir_hardware.safety.compatibility import require_made_for
     from eldir_hardware.schedule import ActuationSchedule
 
     heating = ActuationSchedule.load(schedule_file)
@@ -119,12 +118,7 @@ def _predicted(
         if rig_file is None
         else Rig.load(rig_file)
     )
-    if mismatch := describe_mismatch(heating, rig, robot):
-        raise InputError(
-            f"the schedule was not made for this design and {rig_file or template}: {mismatch}",
-            code="show.other-schedule",
-            remedy="name its design, and its rig file with --rig",
-        )
+    require_made_for(heating, robot, rig, str(rig_file or template))
     body = predict_body(RecordedRun(robot, heating, rig))
     begin, length = heating.start_of_cycles, build(robot.morphology).body_length
     count = int((body.times[-1] - begin) * rate / PRINTED_SPEED) + 1

@@ -113,6 +113,17 @@ def describe_mismatch(schedule: ActuationSchedule, rig: Rig, design: Design | No
     return "; ".join(_differences(schedule, rig, design))
 
 
+def require_made_for(schedule: ActuationSchedule, design: Design, rig: Rig, name: str) -> None:
+    """Raise `InputError` for a schedule that was made for another design or other values of the rig file
+    `name`, where its walk or its heating is computed."""
+    if mismatch := describe_mismatch(schedule, rig, design):
+        raise InputError(
+            f"the schedule was not made for this design and {name}: {mismatch}",
+            code="schedule.other-rig",
+            remedy="name its design, and its rig file with --rig",
+        )
+
+
 def _differences(schedule: ActuationSchedule, rig: Rig, design: Design | None) -> list[str]:
     digests = schedule.provenance.digests
     if digests is None:

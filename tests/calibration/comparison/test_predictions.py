@@ -151,7 +151,7 @@ def test_the_predicted_walk_is_filmed(driven: RecordedRun, tmp_path: Path) -> No
             pictures.append(np.asarray(moving.convert("RGB"), dtype=int))
     assert pictures[0].shape[1] == 640
     assert min(np.abs(a - b).max() for a, b in pairwise(pictures)) > 100, "it moved"
-    with raises(InputError, "show.other-schedule"):
+    with raises(InputError, "schedule.other-rig"):
         show(design, tmp_path / "other.webp", schedule)  # the rig of a new rig file has another current
 
 

@@ -12,7 +12,7 @@ import pytest
 import trimesh
 from typer.testing import CliRunner
 
-from eldir.errors import EldirError
+from eldir.errors import EldirError, InputError
 from eldir.lattice import Lattice
 from eldir.parameters.springs import SpringParameters
 from eldir_app.application import application
@@ -22,11 +22,13 @@ from eldir_cad.multibody.biplane import build_biplane
 from eldir_cad.multibody.model import build_multibody
 from eldir_hardware.planning.compiler import compile_schedule
 from eldir_hardware.planning.model_export import ROW_INTERVAL, free_lengths
+from eldir_hardware.safety.compatibility import with_digests
 from eldir_hardware.schedule import ActuationSchedule
 from eldir_hardware.virtual.biplane_body import BiplaneMotion
 from eldir_hardware.virtual.mujoco_body import MujocoMotion
 from tests.eldir.random_design import make_design
 from tests.hardware.rigs_and_schedules import gait, rig_with
+from tests.raised import raises
 
 mujoco = pytest.importorskip("mujoco")  # installed with the extra `test`
 DESIGN = make_design(3, Lattice(3, 6))
@@ -160,6 +162,21 @@ def test_the_same_design_gives_the_same_bytes(folder: Path, tmp_path: Path) -> N
     assert (tmp_path / "robot.xml").read_bytes() == (folder / "robot.xml").read_bytes()
     assert not (tmp_path / "robot-run.py").exists()
     ElementTree.fromstring((tmp_path / "robot.xml").read_text())
+
+
+def test_a_schedule_for_another_rig_is_refused(
+    folder: Path, schedule: ActuationSchedule, tmp_path: Path
+) -> None:
+    own, other = rig_with(), rig_with(supply={"current_limit_a": 3.0})
+    heating, rig, out = (tmp_path / name for name in ("schedule.json", "rig.yaml", "robot.xml"))
+    with_digests(schedule, own, DESIGN).save(heating)
+    given = [str(folder / "design.json"), "--schedule", str(heating), "--rig", str(rig), "--out", str(out)]
+    rig.write_bytes(other.source)
+    with raises(InputError, "schedule.other-rig", match="rig.yaml: the rig file has other values in supply"):
+        CliRunner().invoke(application("export"), ["export", *given], catch_exceptions=False)
+    assert not out.exists()
+    rig.write_bytes(own.source)
+    assert CliRunner().invoke(application("export"), ["export", *given]).exit_code == 0
 
 
 def test_nothing_is_overwritten_and_other_formats_are_refused(folder: Path, tmp_path: Path) -> None:
