@@ -94,7 +94,9 @@ def adapt(
             typer.echo(_describe(number, run))
 
         config = AdaptationConfig(runs=runs, minutes=minutes, seed=seed)
-        found = adapt(design, rig, out, drive, config, show, print_run, ask=ask, prior=prior or ())
+        found = adapt(
+            design, rig, out, drive, config, show, print_run, ask=ask, prior=prior or (), room_c=room
+        )
     typer.echo(f"ended: {found.ended}")
     if not found.runs:
         return

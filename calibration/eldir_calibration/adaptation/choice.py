@@ -155,7 +155,8 @@ def discrepancy(
 ) -> tuple[float, float]:
     """How much farther the most probable robot walks than the filmed one, by all gaits filmed with this
     current limit, and the root mean square of the single differences, a fall counted as no motion [body
-    lengths per five cycles]. As long as there is no such film, those with other currents count.
+    lengths per five cycles]. As long as there is no such film, those with other currents count. Each walk is
+    simulated with the current and in the air of its film.
 
     The first one is shrunk by n / (n + 1): one film tells half of it.
     """
@@ -164,19 +165,14 @@ def discrepancy(
     if not counted:
         return 0.0, 0.0
     differences = []
-    for limit in dict.fromkeys(one.current_limit_a for one in counted):
-        own = [one.film for one in counted if one.current_limit_a == limit]
-        supplied = at_current(robots, limit / current_limit_a)
-        walks = simulate_most_probable(supplied, [film.gait for film in own], coarse=True)
+    for limit, air in dict.fromkeys(one[1:] for one in counted):
+        own = [one.film for one in counted if one[1:] == (limit, air)]
+        filmed = replace(robots, robot=in_air(scale_current(robots.robot, limit / current_limit_a), air))
+        walks = simulate_most_probable(filmed, [film.gait for film in own], coarse=True)
         shown = np.array([film.walked if film.upright else 0.0 for film in own])
         differences.append(np.where(np.isfinite(walks), walks, 0.0) - shown)
     every = np.concatenate(differences)
     return float(every.sum() / (len(every) + 1)), float(np.sqrt(np.mean(every**2)))
-
-
-def at_current(robots: IdentifiedRobots, factor: float) -> IdentifiedRobots:
-    """The same robots with a supply that is set to this multiple of its current limit."""
-    return replace(robots, robot=scale_current(robots.robot, factor))
 
 
 def scale_current(robot: RobotParameters, factor: float) -> RobotParameters:
@@ -184,6 +180,17 @@ def scale_current(robot: RobotParameters, factor: float) -> RobotParameters:
 
     def changed(springs: SpringParameters) -> SpringParameters:
         return replace(springs, current_limit=springs.current_limit * factor)
+
+    return replace(robot, springs=changed(robot.springs), own_springs=tuple(map(changed, robot.own_springs)))
+
+
+def in_air(robot: RobotParameters, air_c: float | None) -> RobotParameters:
+    """The same robot in air of this temperature [C]; None: in its own."""
+    if air_c is None:
+        return robot
+
+    def changed(springs: SpringParameters) -> SpringParameters:
+        return replace(springs, ambient=air_c)
 
     return replace(robot, springs=changed(robot.springs), own_springs=tuple(map(changed, robot.own_springs)))
 

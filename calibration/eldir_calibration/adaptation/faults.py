@@ -16,6 +16,7 @@ from eldir.built.robot import build
 from eldir.core.records import FloatArray
 from eldir.parameters.springs import SpringParameters
 from eldir.parameters.tolerances import RigTolerances
+from eldir_calibration.adaptation.films import in_room
 from eldir_calibration.adaptation.heat import SURE, believe_heat, find_safe_current, spring_strokes
 from eldir_calibration.adaptation.runs import Fault
 from eldir_calibration.dynamics.belief import Belief
@@ -98,7 +99,8 @@ def _find_idle_motors(number: int, film: RobotFilms, belief: Belief) -> tuple[Fa
     mean = strokes.mean(axis=0)
     idle = [a for a, stroke in enumerate(mean) if stroke <= _MAX_IDLE * mean.max()]
     working = [a for a in range(len(mean)) if a not in idle]
-    if not idle or explained_share(film.body, recording, film.nominal.springs, working) < _MIN_EXPLAINED:
+    springs = in_room(film.nominal.springs, film)
+    if not idle or explained_share(film.body, recording, springs, working) < _MIN_EXPLAINED:
         return ()
     return tuple(
         Fault(

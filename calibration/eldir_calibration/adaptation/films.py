@@ -37,17 +37,21 @@ MISFIT = "misfit"
 
 
 class FilmedWalk(NamedTuple):
-    """A gait that was filmed, and the supply of that run."""
+    """A gait that was filmed, and the supply and the air of that run."""
 
     film: FilmedGait
     current_limit_a: float
     """Current limit of the supply [A]."""
+    air_c: float | None = None
+    """Temperature of the air [C]; None: that of the scene whose robots are compared."""
 
 
 def filmed_walks(films: Sequence[RobotFilms]) -> list[FilmedWalk]:
-    """The gaits in the films, each with its supply."""
+    """The gaits in the films, each with its supply and its air."""
     return [
-        FilmedWalk(gait, film.nominal.springs.current_limit) for film in films for gait in film.filmed_gaits
+        FilmedWalk(gait, springs.current_limit, springs.ambient)
+        for film, springs in ((film, in_room(film.nominal.springs, film)) for film in films)
+        for gait in film.filmed_gaits
     ]
 
 
@@ -145,8 +149,8 @@ def believe_films(
         fall = find_any_fall(rest, recording)
         if fall is None or fall > recording.start:
             recordings.append(recording if fall is None else recording.truncate(fall))
-            filmed.append(RobotParameters.nominal(_in_room(film.nominal.springs, film), hubs))
-    nominal = RobotParameters.nominal(_in_room(rig.spring_parameters(), films[-1]), hubs)
+            filmed.append(RobotParameters.nominal(in_room(film.nominal.springs, film), hubs))
+    nominal = RobotParameters.nominal(in_room(rig.spring_parameters(), films[-1]), hubs)
     read, measured = films[-1].readings, NOT_MEASURED
     if read is not None and recordings and fall is None:
         measured = Measurements(None, read.current_a, read.voltage_v, read.error)
@@ -180,7 +184,7 @@ def believe_films(
     return scene, belief
 
 
-def _in_room(springs: SpringParameters, film: RobotFilms) -> SpringParameters:
+def in_room(springs: SpringParameters, film: RobotFilms) -> SpringParameters:
     """The springs in the air that was measured before a run."""
     (room,) = film.rooms_c
     return springs if room is None else replace(springs, ambient=room)

@@ -92,6 +92,7 @@ def adapt(
     *,
     ask: Callable[[int, ActuationSchedule], None] = lambda number, schedule: None,
     prior: Sequence[Path] = (),
+    room_c: float | None = None,
     clock: Callable[[], float] = time.monotonic,
 ) -> Adaptation:
     """Make runs in `folder`, a new one or that of an adaptation that goes on, until no gait is expected to
@@ -100,7 +101,9 @@ def adapt(
 
     `ask` is called before each run with its number and schedule, and returns when it may heat; `on_run` is
     called with each run after its film was read. `prior`: folders of adaptations of other robots of the kit;
-    they count from the first run on, so that a folder with runs has them already. The log of a film that
+    they count from the first run on, so that a folder with runs has them already. `room_c`: temperature of
+    the air [C] for which the first run is planned, if it was measured; later runs are planned for that of the
+    last film. The log of a film that
     cannot be used is kept under another name, and the run is repeated by the next call. Raises
     `InputError` for a robot on a printed ground, whose films do not tell where it is, for one with too few
     markers, for springs that share the current of one output, which is not simulated, and for logs of other
@@ -119,7 +122,9 @@ def adapt(
     learned = _learn(design, rig, films, known, faults, config, progress) if films else None
     ended = f"all runs are made ({config.runs})"
     while len(runs) < config.runs:
-        scene, faults = (known, faults) if learned is None else (learned.scene, learned.faults)
+        scene, faults = (
+            (_in_air(known, room_c), faults) if learned is None else (learned.scene, learned.faults)
+        )
         place = folder / f"run_{len(runs) + 1:02d}"
         log = place / f"{place.name}.mcap"
         plans = PlanConfig(
@@ -128,6 +133,7 @@ def adapt(
             cycles=config.cycles,
             design_file=os.path.relpath(design_file, place),
             scene=scene,
+            air_c=room_c if learned is None else None,
         )
         if log.exists():  # the run before was interrupted after it was played
             schedule = ActuationSchedule.load(place / _SCHEDULE)
@@ -174,6 +180,13 @@ def adapt(
         return Adaptation((), None, ended)
     found = _advise(design, rig, folder, learned.summarize(runs, current, ended), films, learned, config)
     return _report(folder, rig, found, known, learned.scene)
+
+
+def _in_air(scene: PrintedScene | None, air_c: float | None) -> PrintedScene | None:
+    """What a prior tells, in air of this temperature [C]; None: in that of the rig file."""
+    if scene is None or air_c is None:
+        return scene
+    return replace(scene, springs=replace(scene.springs, ambient=air_c))
 
 
 def _moves(film: RobotFilms) -> bool:

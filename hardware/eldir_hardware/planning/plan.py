@@ -69,6 +69,8 @@ class PlanConfig:
     """Path from the schedule to the design, from which a virtual rig loads its robot."""
     scene: PrintedScene | None = None
     """Scene identified from films, for whose robots gaits are searched and predicted."""
+    air_c: float | None = None
+    """Temperature of the air for whose springs the gait is searched [C]; None: that of the rig file."""
     other_than: tuple[Gait, ...] = ()
     """Gaits from which the schedule's must differ, such as filmed ones."""
 
@@ -89,7 +91,7 @@ def plan(
     """
     motors = design.morphology.motors
     rig.require_motors(motors)
-    limits = heating_limits(rig)
+    limits = heating_limits(rig, config.air_c)
     _require_quick_springs(limits, motors)
     scene = None if config.scene is None else config.scene.on_rig(limits.springs)
     found = find_gait(
@@ -114,7 +116,7 @@ def plan_gait(
     on_stage: Stage = silent,
 ) -> ActuationSchedule:
     """The schedule of a gait that was found for this rig, with its predicted walk."""
-    limits = heating_limits(rig)
+    limits = heating_limits(rig, config.air_c)
     schedule = compile_schedule(
         found.gait,
         rig,
@@ -138,8 +140,9 @@ def plan_gait(
     return with_digests(replace(schedule, predicted=predicted), rig, design, config.scene)
 
 
-def heating_limits(rig: Rig) -> HeatingLimits:
-    """The limits within which gaits are searched for this rig."""
+def heating_limits(rig: Rig, air_c: float | None = None) -> HeatingLimits:
+    """The limits within which gaits are searched for this rig. `air_c`: temperature of the air around its
+    springs [C]; None: that of the rig file. What is allowed is so in all air of the rig's tolerances."""
 
     def allowed(gait: Gait) -> bool:
         if gait.period > MAX_PERIOD_S:
@@ -155,6 +158,8 @@ def heating_limits(rig: Rig) -> HeatingLimits:
         return find_timing(springs, rig, motors)
 
     springs = rig.spring_parameters()
+    if air_c is not None:
+        springs = replace(springs, ambient=air_c)
     shared = rig.supply.outputs == "shared"
     shares = tuple(power_shares(rig, springs).tolist()) if shared else ()
     return HeatingLimits(springs, allowed, timing, rig.spring_tolerances(), shares)

@@ -40,18 +40,21 @@ LIMIT = 90.0
 
 
 @cache
-def film(*heated: int) -> Recording:
+def film(*heated: int, air_c: float = SPRINGS.ambient) -> Recording:
     """Two cycles of the walker, seen by a camera, in which only the springs of these motors get warm."""
+    robot = replace(NOMINAL, springs=replace(SPRINGS, ambient=air_c))
     blank = blank_film(walker(), 2)
     shares = blank.contact_shares * np.isin(np.arange(2), heated)
-    moved = predict_markers(walker(), [replace(blank, contact_shares=shares)], [NOMINAL])[0][0]
+    moved = predict_markers(walker(), [replace(blank, contact_shares=shares)], [robot])[0][0]
     return seen_by_camera(blank, moved, 1)
 
 
-def films(recording: Recording, readings: MeterReadings | None = None) -> RobotFilms:
+def films(
+    recording: Recording, readings: MeterReadings | None = None, room_c: float | None = None
+) -> RobotFilms:
     controller = Controller.random(len(walker().morphology.positions), 2, np.random.default_rng(1))
     design = Design(LATTICE, walker_genotype(), controller, Scene.preset("paper"))
-    return RobotFilms(walker(), [recording], NOMINAL, (), design, [], {}, readings)
+    return RobotFilms(walker(), [recording], NOMINAL, (), design, [], {}, readings, (room_c,))
 
 
 def believed(z: Sequence[float], misfit: float = 0.5) -> Belief:
@@ -74,6 +77,14 @@ def test_a_motor_that_does_nothing_is_named() -> None:
     assert (fault.run, fault.kind) == (3, "motor") and fault.text.startswith("motor 1 does nothing")
     assert explained_share(walker(), film(0), SPRINGS, [0]) > 0.97
     assert explained_share(walker(), film(0, 1), SPRINGS, [0]) < 0.95
+
+
+def test_the_other_motors_are_heated_in_the_air_of_the_film() -> None:
+    """In other air they explain too little of the shape, and the idle motor would not be named."""
+    seen = film(0, air_c=5.0)
+    cold = replace(believed(SECOND_IDLE), nominal=replace(NOMINAL, springs=replace(SPRINGS, ambient=5.0)))
+    assert explained_share(walker(), seen, SPRINGS, [0]) < 0.96
+    assert [fault.kind for fault in find_faults(1, films(seen, room_c=5.0), cold, LIMIT)] == ["motor"]
 
 
 @pytest.mark.parametrize("belief", [believed(SECOND_IDLE), believed(BOTH_WORK), believed(BOTH_COLD, 1.5)])
