@@ -45,6 +45,27 @@ _NULL_CYCLES = 2
 """Other bodies are simulated for two cycles only, which takes half the time."""
 
 
+class _SimulatedMotion(NamedTuple):
+    """The motion of one robot."""
+
+    motion: Motion | None
+    """Over all cycles that count; None if the simulation blew up."""
+    upright_cycles: int
+    """Whole cycles of a sample until it falls, folds or buckles a coil; all of them where it need not stay
+    upright."""
+
+    @property
+    def if_upright(self) -> Motion | None:
+        """The motion over all cycles; None for a sample that fell."""
+        return self.if_upright_for(0 if self.motion is None else self.motion.cycles)
+
+    def if_upright_for(self, cycles: int) -> Motion | None:
+        """The motion over the first cycles; None for a sample that fell in them."""
+        if self.motion is None or self.upright_cycles < cycles:
+            return None
+        return replace(self.motion, cycles=cycles)
+
+
 class PredictedMotions(NamedTuple):
     """Predicted motions for some runs."""
 
@@ -56,8 +77,9 @@ class PredictedMotions(NamedTuple):
     """Motions of other bodies under the first run's schedule, without those whose simulation blew up."""
     before: Motion | None
     """Prediction for the first run's nominal robot, if `own` is of an identified robot."""
-    samples: SampledMotions
-    """Motions of samples of the first run's robot: of the nominal one, or of the identified one."""
+    samples: tuple[SampledMotions, ...]
+    """Motions of samples of the first run's robot over its first cycle, its first two cycles and so on, to
+    the end of the schedule: of the nominal one, or of the identified one."""
     body: PredictedBody
     """The whole body of the first prediction."""
 
@@ -94,12 +116,15 @@ def predict_runs(
     if scene is not None:
         simulations.append(_prepare_run(runs[0], None))
     every, body = _simulate([*simulations, *sampled])
-    motions, sampled_motions = every[: len(simulations)], every[len(simulations) :]
+    motions = [one.motion for one in every[: len(simulations)]]
     own, other_motions = motions[: len(runs)], motions[len(runs) :]
     before = other_motions.pop() if scene is not None else None
     if None in own or (scene is not None and before is None):
         raise divergence_error("the predicted motion")
-    found = SampledMotions.of(sampled_motions, len(runs[0].names))
+    found = tuple(
+        SampledMotions.of([one.if_upright_for(n) for one in every[len(simulations) :]], len(runs[0].names))
+        for n in range(1, runs[0].schedule.cycles + 1)
+    )
     return PredictedMotions(
         simulate_evolved(runs[0]), [m for m in own if m], [m for m in other_motions if m], before, found, body
     )
@@ -129,16 +154,16 @@ def predict_live(
     before the run [C]. Raises as it does."""
     run = RecordedRun(design, schedule, rig, MeasuredConditions(room_c))
     (predicted,), body = _simulate([_prepare_run(run, None)])
-    if predicted is None:
+    if predicted.motion is None:
         raise divergence_error("the predicted motion")
-    return LivePrediction({"simulated": simulate_evolved(run), "predicted": predicted}, body)
+    return LivePrediction({"simulated": simulate_evolved(run), "predicted": predicted.motion}, body)
 
 
 def predict_body(run: RecordedRun, scene: PrintedScene | None = None) -> PredictedBody:
     """The motion of the whole robot under the schedule of a run: of the nominal one, or of the identified one
     of a scene. Raises `EldirError` where the simulation fails."""
-    (motion,), body = _simulate([_prepare_run(run, scene)])
-    if motion is None:
+    (predicted,), body = _simulate([_prepare_run(run, scene)])
+    if predicted.motion is None:
         raise divergence_error("the predicted motion")
     return body
 
@@ -152,7 +177,7 @@ def predict_walk(run: RecordedRun, samples: int = SAMPLES) -> FloatArray:
     """
     schedule = replace(run.schedule, cycles=min(run.schedule.cycles, MAX_WALK_CYCLES))
     every, _ = _simulate(_prepare_samples(replace(run, schedule=schedule), None, samples))
-    walks = [motion.advance() for motion in every if motion is not None]
+    walks = [one.if_upright.advance() for one in every if one.if_upright is not None]
     if len(walks) < 2:
         raise EldirError(
             f"no prediction: {samples - len(walks)} of {samples} sampled robots fall over or fold"
@@ -226,9 +251,8 @@ def _prepare_other(own: _Simulation, body: PrintedRobot, marker_masses: IntArray
     return _Simulation(own.run, body, marker_masses, own.free, own.lengths[:end], cycles, body.body_length)
 
 
-def _simulate(simulations: Sequence[_Simulation]) -> tuple[list[Motion | None], PredictedBody]:
-    """Their motions on the ground of the first one's design, over the cycles that count; None for one that
-    blew up, and for a sample that fell. And the first one's whole body."""
+def _simulate(simulations: Sequence[_Simulation]) -> tuple[list[_SimulatedMotion], PredictedBody]:
+    """Their motions on the ground of the first one's design, and the first one's whole body."""
     terrain = simulations[0].run.design.printed_terrain
     moved = drive(
         [t.robot for t in simulations],
@@ -237,14 +261,14 @@ def _simulate(simulations: Sequence[_Simulation]) -> tuple[list[Motion | None], 
         free=[t.free for t in simulations],
         terrain=terrain,
     )
-    motions: list[Motion | None] = []
+    motions: list[_SimulatedMotion] = []
     for one, found in zip(simulations, moved, strict=True):
         names = one.run.names
         path = Trajectory(names, found.times, found.positions[:, one.marker_masses[: len(names)]])
         s = one.run.schedule
         motion = Motion(path, s.start_of_cycles, s.period_s, one.cycles, one.body_length)
-        good = found.status == OK and (not one.must_stay_upright or _stays_upright(one, found))
-        motions.append(motion if good else None)
+        upright = _count_upright_cycles(one, found) if one.must_stay_upright else one.cycles
+        motions.append(_SimulatedMotion(motion if found.status == OK else None, upright))
     first, whole = simulations[0], moved[0]
     shown = slice(None, None, _BODY_STRIDE)
     body = PredictedBody(
@@ -257,10 +281,20 @@ def _simulate(simulations: Sequence[_Simulation]) -> tuple[list[Motion | None], 
     return motions, body
 
 
-def _stays_upright(one: _Simulation, found: PrintedMotion) -> bool:
-    seconds = slice(None, None, _UPRIGHT_STRIDE)
-    part = replace(found, positions=found.positions[seconds], rotations=found.rotations[seconds])
-    return stays_upright(one.robot, part, one.lengths[seconds])
+def _count_upright_cycles(one: _Simulation, found: PrintedMotion) -> int:
+    """Whole cycles until a sample falls, folds or buckles a coil; 0 if its simulation blew up."""
+    schedule = one.run.schedule
+
+    def is_upright(end: int | None) -> bool:
+        seconds = slice(None, end, _UPRIGHT_STRIDE)
+        part = replace(found, positions=found.positions[seconds], rotations=found.rotations[seconds])
+        return stays_upright(one.robot, part, one.lengths[seconds])
+
+    if is_upright(None):
+        return one.cycles
+    ends = [schedule.start_of_cycles + n * schedule.period_s for n in range(1, one.cycles)]
+    frames = np.searchsorted(found.times, ends, side="right").tolist()
+    return next((n for n, end in enumerate(frames) if not is_upright(end)), len(frames))
 
 
 def _free_lengths(run: RecordedRun, springs: Sequence[SpringParameters], hubs: IntArray) -> FloatArray:

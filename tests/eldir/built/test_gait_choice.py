@@ -178,7 +178,7 @@ def test_parts_reach_samples_gait_and_report(design: Design) -> None:
     run = RecordedRun(design, schedule, RIG)
     simulations = [predicting._prepare_run(run, one) for one in (scene, scene_of(design))]
     assert simulations[0].robot.rest_lengths == pytest.approx(robot.rest_lengths, abs=1e-12)
-    true, plain = (m.trajectory.positions for m in predicting._simulate(simulations)[0] if m)
+    true, plain = (m.motion.trajectory.positions for m in predicting._simulate(simulations)[0] if m.motion)
     (moved,) = drive([robot], [simulations[0].lengths], 0.05, free=free)
     assert np.abs(true - moved.positions[:, design.marks]).max() < 1e-9
     assert simulations[0].lengths.max(axis=0) == pytest.approx(springs.hot_length * longer, rel=1e-3)
