@@ -294,7 +294,8 @@ def open_bank(rig: Rig, room_c: float | None = None) -> Iterator[OpenedBank]:
         with Guardian(modelled) as guardian:
             yield OpenedBank(guardian, WallClock())
         return
-    with VirtualRig(rig, _NoBody()) as virtual, open_virtual_bank(virtual, modelled) as bank:
+    _, springs = find_parameters(rig)
+    with VirtualRig(rig, _NoBody(), springs) as virtual, open_virtual_bank(virtual, modelled) as bank:
         yield OpenedBank(bank, virtual.clock)
 
 

@@ -12,6 +12,7 @@ from eldir_hardware.guardian.pulse_controller import PulseController
 from eldir_hardware.planning.compiler import compile_schedule
 from eldir_hardware.relay.errors import ContactError, RelayError
 from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.run import drive
 from eldir_hardware.run.player import Player
 from eldir_hardware.schedule import ActuationSchedule
 from eldir_hardware.virtual.bodies import far_robot, find_parameters
@@ -161,6 +162,15 @@ def test_the_file_decides_whether_the_robot_is_far():
     assert find_parameters(far) == (robot.printed, robot.springs)
     assert abs(robot.printed.hot_stiffness / near.nominal_robot().printed.hot_stiffness - 1) > 0.02
     assert robot.springs != near.spring_parameters()
+
+
+def test_springs_of_a_far_rig_are_far_without_a_robot_too(monkeypatch):
+    opened = []
+    monkeypatch.setattr(drive, "VirtualRig", lambda *given: opened.append(VirtualRig(*given)) or opened[-1])
+    far = rig_with(virtual={"seed": 5, "parameter_spread": "large"})
+    with drive.open_bank(far):
+        found = np.mean([s.hot_length for s in opened[0].springs.parameters])
+    assert abs(found - far_robot(far).springs.hot_length) < 6e-3 < found - far.spring_parameters().hot_length
 
 
 @pytest.mark.parametrize(("tolerance", "measured"), [(0.05, False), (0.02, True)])
