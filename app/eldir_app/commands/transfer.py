@@ -81,7 +81,9 @@ def transfer(
         require_measured(loaded)
         loaded.require_own_outputs("leave --rig out; eldir gait predicts walks with this rig file")
         springs, tolerances = loaded.spring_parameters(), loaded.spring_tolerances()
-        config = TransferConfig(samples, cycles, phases, seed, space, springs, tolerances)
+        config = TransferConfig(
+            samples, cycles, phases, seed, space, springs, tolerances, rig.name, loaded.digest
+        )
     result = _compare(names, config, explain, engine)
 
     write_transfer(result, out)

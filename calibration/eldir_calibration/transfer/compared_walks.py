@@ -60,6 +60,10 @@ class TransferConfig(SimulationExtent):
     """Mean of the springs."""
     tolerances: RigTolerances = RigTolerances()
     """Tolerances of the rigs."""
+    rig_file: str | None = None
+    """Name of the rig file that springs and tolerances are from; None: those of evolution."""
+    rig_digest: str | None = None
+    """SHA-256 of that file."""
 
 
 @dataclass(frozen=True)

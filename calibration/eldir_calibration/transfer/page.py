@@ -18,7 +18,7 @@ from eldir.built.samples import CONFIDENCE_LEVEL
 from eldir.built.walking import MAX_TIE_SHARE
 from eldir.core.files import new_folder, write_text
 from eldir.core.pictures import new_axes, page_templates, png
-from eldir.core.records import Array, BoolArray, FileRecord, FloatArray, Record, Rounded, record
+from eldir.core.records import OMITTED, Array, BoolArray, FileRecord, FloatArray, Record, Rounded, record
 from eldir.core.version import __version__
 from eldir_calibration.transfer.compared_walks import (
     ComparedWalk,
@@ -45,12 +45,20 @@ Count = Annotated[int, Field(ge=0)]
 
 @record
 class SettingsNumbers(SimulationExtent):
-    """How much was simulated."""
+    """How much was simulated, and with which springs."""
+
+    OPTIONAL = SimulationExtent.OPTIONAL | {"current_limit_a", "rig_file", "rig_digest"}
 
     interval_probability: Annotated[float, Field(gt=0, lt=1)] = CONFIDENCE_LEVEL
     """Probability of the prediction's interval."""
     tied_above: Annotated[float, Field(ge=0, le=1)] = MAX_TIE_SHARE
     """A larger share of ties flags a prediction as doubtful."""
+    current_limit_a: Annotated[float | None, OMITTED] = None
+    """Current limit of the supply [A]."""
+    rig_file: Annotated[str | None, OMITTED] = None
+    """Name of the rig file that springs and tolerances are from; without it they are those of evolution."""
+    rig_digest: Annotated[str | None, OMITTED] = None
+    """SHA-256 of that file."""
 
 
 @record
@@ -228,7 +236,10 @@ class TransferResult:
         return TransferNumbers(
             f"eldir {__version__}",
             self.engine,
-            SettingsNumbers(s.samples, s.cycles, s.phases, s.seed, s.dimensions),
+            SettingsNumbers(
+                s.samples, s.cycles, s.phases, s.seed, s.dimensions,
+                current_limit_a=s.springs.current_limit, rig_file=s.rig_file, rig_digest=s.rig_digest,
+            ),
             VerdictRecord(
                 verdict.all_walks, verdict.untied, verdict.tied, GOALS, verdict.reached,
                 tuple(verdict.sentences),

@@ -10,6 +10,7 @@ import jsonschema
 import numpy as np
 import pytest
 
+from eldir.parameters.springs import SpringParameters
 from eldir_calibration.transfer import page
 from eldir_calibration.transfer.compared_walks import TransferConfig, WalkingDesign
 from eldir_calibration.transfer.page import TransferNumbers, TransferResult, write_transfer
@@ -39,6 +40,21 @@ def test_a_page_with_falls_ties_and_markup_in_names(tmp_path: Path) -> None:
     assert values["walks"][1]["predicted"] == {"walks": [None] * 3, "mean": 0.0, "interval": None}
     assert values["walks"][1]["tie_share"] is None and values["walks"][1]["tied"] is False
     assert values["explained"][0]["without"] == {"pins": None}
+    assert "rig_file" not in values["settings"] and "as in evolution, current limit 4 A" in page
+    assert values["settings"]["current_limit_a"] == SpringParameters().current_limit
+
+
+def test_the_rig_file_is_told(tmp_path: Path) -> None:
+    """Two transfers of one design with other springs can be told apart."""
+    walk = compared([0.9, 1.1], [1.0, 1.0], file="a.json")
+    springs = SpringParameters(current_limit=3.1)
+    settings = TransferConfig(springs=springs, rig_file="weak.yaml", rig_digest=64 * "b")
+    designs = [WalkingDesign(walk.file, DESIGN, walk.gait, True)]
+    write_transfer(TransferResult(designs, [walk], [], settings, "MuJoCo 4"), tmp_path / "out")
+    found = json.loads((tmp_path / "out" / "transfer.json").read_text())["settings"]
+    assert (found["rig_file"], found["rig_digest"], found["current_limit_a"]) == ("weak.yaml", 64 * "b", 3.1)
+    page = (tmp_path / "out" / "transfer.html").read_text()
+    assert f"of weak.yaml (SHA-256 {16 * 'b'}), current limit 3.1 A" in page
 
 
 def test_ties_are_drawn_apart() -> None:
