@@ -108,17 +108,12 @@ def require_compatible(
     )
 
 
-def describe_mismatch(schedule: ActuationSchedule, rig: Rig, design: Design | None) -> str:
-    """How a schedule does not fit design and rig values; empty if it was made for them."""
-    return "; ".join(_differences(schedule, rig, design))
-
-
 def require_made_for(schedule: ActuationSchedule, design: Design, rig: Rig, name: str) -> None:
     """Raise `InputError` for a schedule that was made for another design or other values of the rig file
     `name`, where its walk or its heating is computed."""
-    if mismatch := describe_mismatch(schedule, rig, design):
+    if differences := _differences(schedule, rig, design):
         raise InputError(
-            f"the schedule was not made for this design and {name}: {mismatch}",
+            f"the schedule was not made for this design and {name}: {'; '.join(differences)}",
             code="schedule.other-rig",
             remedy="name its design, and its rig file with --rig",
         )
