@@ -243,7 +243,7 @@ def test_parts_go_before_the_springs_of_a_run_but_not_its_supply(tmp_path, monke
     PrintedRun.create(tmp_path / "run", PrintedEvolutionConfig(springs=springs))
     seen = []
     monkeypatch.setattr("eldir.evolution.designs.load_run", lambda _: [WALKER])
-    monkeypatch.setattr(module, "rank", lambda *given: seen.append(given[-1]) or rank([design(*TOWER)]))
+    monkeypatch.setattr(module, "rank", lambda *given: seen.append(given[-2]) or rank([design(*TOWER)]))
     for parts in (None, tmp_path / "parts.yaml"):
         with raises(EldirError, "shortlist.empty"):
             command(tmp_path / "run", tmp_path / "out", parts=parts)

@@ -329,7 +329,7 @@ def test_films_know_their_air(bench: Bench) -> None:
         assert walk.air_c == air and walk.current_limit_a == bench.rig.supply.current_limit_a
 
 
-@pytest.mark.parametrize("with_prior", [False, True])
+@pytest.mark.parametrize("with_prior", [False, pytest.param(True, marks=pytest.mark.stress)])
 def test_the_first_run_is_planned_for_the_air_that_was_measured(bench: Bench, with_prior: bool) -> None:
     """Its walk is that of the samples in that air, with what another robot tells or without."""
     first, out = bench.folder / "out", bench.folder / f"cold_{with_prior}"

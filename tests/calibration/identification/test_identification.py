@@ -217,7 +217,7 @@ def test_a_film_and_a_prediction_of_the_very_same_robot_agree(
     """Contacts, springs, body, picture, marks on one side; the truth, which no identification knows, on the
     other. A contact's time wrong by its read-back, half a second, would leave centimetres."""
     # The springs of both faces are alike, as the model has them.
-    monkeypatch.setattr(SpringParameters, "perturb", lambda spring, rng: spring)
+    monkeypatch.setattr(SpringParameters, "perturb", lambda spring, *_: spring)
     design = make_design(3, Lattice(3, 6))
     design.save(tmp_path / "design.json")
     text = rig_text(seed=4, design="design.json").replace("seed: 4", "seed: 4\n  parameter_spread: large")
