@@ -48,7 +48,7 @@ def export(
     from eldir_hardware.planning.model_export import export_robot
     from eldir_hardware.rig.configuration import Rig
     from eldir_hardware.rig.supply import power_shares, require_measured
-    from eldir_hardware.safety.compatibility import require_made_for
+    from eldir_hardware.safety.compatibility import require_same_rig
     from eldir_hardware.schedule import ActuationSchedule
 
     if out.suffix != ".xml":
@@ -64,7 +64,7 @@ def export(
     heating = None if schedule is None else ActuationSchedule.load(schedule)
     robot = Design.load(design)
     if heating is not None and loaded is not None:
-        require_made_for(heating, robot, loaded, str(rig))
+        require_same_rig(heating, robot, loaded, str(rig))
     kit = load_specification(parts), load_printer(printer)
     written = export_robot(robot, out, *kit, heating, springs, dimensions, shares)
     for path in written:

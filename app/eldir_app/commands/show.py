@@ -108,7 +108,7 @@ def _predicted(
     from eldir_calibration.comparison.recorded_run import RecordedRun
     from eldir_hardware.rig.configuration import Rig
     from eldir_hardware.rig.template import virtual_rig
-    from eldir_hardware.safety.compatibility import require_made_for
+    from eldir_hardware.safety.compatibility import require_same_rig
     from eldir_hardware.schedule import ActuationSchedule
 
     heating = ActuationSchedule.load(schedule_file)
@@ -118,7 +118,7 @@ def _predicted(
         if rig_file is None
         else Rig.load(rig_file)
     )
-    require_made_for(heating, robot, rig, str(rig_file or template))
+    require_same_rig(heating, robot, rig, str(rig_file or template))
     body = predict_body(RecordedRun(robot, heating, rig))
     begin, length = heating.start_of_cycles, build(robot.morphology).body_length
     count = int((body.times[-1] - begin) * rate / PRINTED_SPEED) + 1

@@ -108,7 +108,7 @@ def require_compatible(
     )
 
 
-def require_made_for(schedule: ActuationSchedule, design: Design, rig: Rig, name: str) -> None:
+def require_same_rig(schedule: ActuationSchedule, design: Design, rig: Rig, name: str) -> None:
     """Raise `InputError` for a schedule that was made for another design or other values of the rig file
     `name`, where its walk or its heating is computed."""
     if differences := _differences(schedule, rig, design):

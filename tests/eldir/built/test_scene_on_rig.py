@@ -30,7 +30,7 @@ DESIGN = make_walker()
 GAIT = Gait(30.0, np.array([0.0, 0.5]), np.full(2, 0.2))
 
 
-def scene_on(rig: Rig) -> PrintedScene:
+def make_scene(rig: Rig) -> PrintedScene:
     """As `eldir calibrate dynamics` writes it for films of a robot on this rig."""
     robot = rig.nominal_robot().at(NAMES, Z)
     scene = PrintedScene.of(robot, NAMES, 0.01 * np.eye(3), Z)
@@ -39,7 +39,7 @@ def scene_on(rig: Rig) -> PrintedScene:
 
 @pytest.fixture(scope="module")
 def scene() -> PrintedScene:
-    return scene_on(rig_with(supply={"current_limit_a": 3.6}))
+    return make_scene(rig_with(supply={"current_limit_a": 3.6}))
 
 
 def test_its_current_is_relative_to_that_of_the_rig(scene: PrintedScene) -> None:
@@ -97,7 +97,7 @@ def test_a_log_is_predicted_with_its_own_supply_and_air(scene: PrintedScene) -> 
     rig = rig_with(supply={"current_limit_a": 2.8})
     springs = tuple(np.flatnonzero(DESIGN.morphology.active).tolist())
     run = RecordedRun(DESIGN, compile_schedule(GAIT, rig, springs, cycles=1), rig, MeasuredConditions(25.0))
-    own = scene_on(rig_with(supply={"current_limit_a": 2.8}, springs={"ambient_c": 25.0}))
+    own = make_scene(rig_with(supply={"current_limit_a": 2.8}, springs={"ambient_c": 25.0}))
     found, expected = (predict_body(run, one).positions for one in (scene, own))
     np.testing.assert_allclose(found, expected, atol=1e-9)
     usual = predict_body(replace(run, measured=MeasuredConditions()), scene).positions
