@@ -9,10 +9,13 @@ from __future__ import annotations
 import os
 from contextlib import suppress
 
-COMMANDS = 1
+VIRTUAL_BENCH = 1
+"""What else the process of an emulated board does, such as drawing pictures: it must not keep Python's lock
+while other programs run, and must not come before what commands heat."""
+COMMANDS = 2
 """ROS programs that command a guardian."""
-GUARDIAN = 2
-EMULATED_HARDWARE = 3
+GUARDIAN = 3
+EMULATED_HARDWARE = 4
 
 
 def request_realtime_priority(level: int) -> None:

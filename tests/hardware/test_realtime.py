@@ -7,7 +7,13 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 from eldir_hardware.clock import VirtualClock, WallClock
-from eldir_hardware.realtime import COMMANDS, EMULATED_HARDWARE, GUARDIAN, request_realtime_priority
+from eldir_hardware.realtime import (
+    COMMANDS,
+    EMULATED_HARDWARE,
+    GUARDIAN,
+    VIRTUAL_BENCH,
+    request_realtime_priority,
+)
 from eldir_hardware.rig.devices import get_emulator
 from tests.hardware.emulated_rigs import wait
 
@@ -33,7 +39,7 @@ def policy_that_is_permitted(level: int) -> tuple[int, int]:
         return thread.submit(ask).result()
 
 
-@pytest.mark.parametrize("limit", range(4))
+@pytest.mark.parametrize("limit", range(5))
 def test_the_highest_level_that_is_permitted(monkeypatch, limit):
     """Two levels above the limit of the user, one, at it; without any right nothing happens."""
     given = []
@@ -49,7 +55,7 @@ def test_the_highest_level_that_is_permitted(monkeypatch, limit):
 
 
 def test_hardware_comes_before_the_guardian_and_the_guardian_before_its_programs():
-    assert EMULATED_HARDWARE > GUARDIAN > COMMANDS > 0
+    assert EMULATED_HARDWARE > GUARDIAN > COMMANDS > VIRTUAL_BENCH > 0
 
 
 def test_what_a_thread_starts_has_its_priority():

@@ -21,7 +21,7 @@ from rclpy.node import Node
 from eldir.built.ground import lay_on_table
 from eldir.design import Design
 from eldir.errors import EldirError
-from eldir_hardware.realtime import EMULATED_HARDWARE, request_realtime_priority
+from eldir_hardware.realtime import VIRTUAL_BENCH, request_realtime_priority
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.sections import VirtualCameraEntry
 from eldir_hardware.safety.latch import unlatch
@@ -53,7 +53,7 @@ class VirtualBenchNode(Node):
             self._opened = opening.pop_all()
         # Threads that are started later get it too: the emulated board waits for Python's lock, and a thread
         # that holds it must not wait for a processor. The robot's process was started before, and has none.
-        request_realtime_priority(EMULATED_HARDWARE)
+        request_realtime_priority(VIRTUAL_BENCH)
         self._rig.start = self._rig.clock.now()
         self._rig.watch(rate, self._publish)
         self.create_timer(0.05, self._write_edges, clock=Clock(clock_type=ClockType.STEADY_TIME))
