@@ -260,6 +260,10 @@ class SpringParameters(Record):
             resistivity_austenite=self.resistivity_austenite * scale,
         )
 
+    def in_air(self, air_c: float | None) -> SpringParameters:
+        """The same spring in air of this temperature [C]; None: in its own."""
+        return self if air_c is None else replace(self, ambient=air_c)
+
     @classmethod
     def mean(cls, springs: Sequence[SpringParameters]) -> SpringParameters:
         """The spring whose numbers are the means of these; all with a fan, or all without."""

@@ -178,8 +178,8 @@ def _describe(number: int, run: AdaptationRun) -> str:
 
 def _describe_best(number: int, run: AdaptationRun) -> str:
     """The run whose schedule is kept."""
-    doubt = "" if run.impossible_motion is None else ", which is not possible in reality"
-    return f"run {number}, filmed {run.filmed:+.2f}{doubt}"
+    remark = "" if run.impossible_motion is None else ", which is not possible in reality"
+    return f"run {number}, filmed {run.filmed:+.2f}{remark}"
 
 
 def _describe_heat(found: Adaptation, rig: Rig) -> str:

@@ -88,8 +88,11 @@ def check_with_leads(
     ballast: FloatArray | float = 0.0,
 ) -> CheckedBody:
     """As `check`, with the wires that it found in the simulated motion."""
-    own, spec = spec, spec if springs is None else spec.with_coil(springs)
-    springs = springs or spring_parameters(spec)
+    given = spec
+    if springs is None:
+        springs = spring_parameters(spec)
+    else:
+        spec = spec.with_coil(springs)
     violations = [*_check_workspace(morphology, spec), *_check_motors(morphology, spec)]
     figures: dict[str, float] = {}
     leads: list[Lead] = []
@@ -108,7 +111,7 @@ def check_with_leads(
             _check_stability(motion, robot, spec),
             _check_tipping(robot, spec),
             _check_leads(leads, motion, morphology, spec),
-            (note_differences(own, printer), {}),
+            (note_differences(given, printer), {}),
             _count_parts(morphology, spec, printer, springs.mass),
         ):
             violations += new_violations

@@ -186,13 +186,8 @@ def scale_current(robot: RobotParameters, factor: float) -> RobotParameters:
 
 def in_air(robot: RobotParameters, air_c: float | None) -> RobotParameters:
     """The same robot in air of this temperature [C]; None: in its own."""
-    if air_c is None:
-        return robot
-
-    def changed(springs: SpringParameters) -> SpringParameters:
-        return replace(springs, ambient=air_c)
-
-    return replace(robot, springs=changed(robot.springs), own_springs=tuple(map(changed, robot.own_springs)))
+    own = tuple(springs.in_air(air_c) for springs in robot.own_springs)
+    return replace(robot, springs=robot.springs.in_air(air_c), own_springs=own)
 
 
 class BestRun(NamedTuple):

@@ -187,4 +187,4 @@ def believe_films(
 def in_room(springs: SpringParameters, film: RobotFilms) -> SpringParameters:
     """The springs in the air that was measured before a run."""
     (room,) = film.rooms_c
-    return springs if room is None else replace(springs, ambient=room)
+    return springs.in_air(room)

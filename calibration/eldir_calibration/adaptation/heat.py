@@ -49,9 +49,7 @@ def keeps_limit(
     with this current limit of the supply; with `tolerance`, if it is measured to that. `air_c`: temperature
     of the air [C]; None: the belief's."""
     (recording,) = film.recordings
-    if air_c is not None:
-        springs = replace(belief.nominal.springs, ambient=air_c)
-        belief = replace(belief, nominal=replace(belief.nominal, springs=springs))
+    belief = replace(belief, nominal=replace(belief.nominal, springs=belief.nominal.springs.in_air(air_c)))
     if tolerance is not None:  # the supply gives what it is set to
         known = np.array(belief.names) == CURRENT
         belief, current_a = replace(belief, z=np.where(known, 0.0, belief.z)), current_a * (1 + tolerance)

@@ -103,11 +103,10 @@ def adapt(
     called with each run after its film was read. `prior`: folders of adaptations of other robots of the kit;
     they count from the first run on, so that a folder with runs has them already. `room_c`: temperature of
     the air [C] for which the first run is planned, if it was measured; later runs are planned for that of the
-    last film. The log of a film that
-    cannot be used is kept under another name, and the run is repeated by the next call. Raises
-    `InputError` for a robot on a printed ground, whose films do not tell where it is, for one with too few
-    markers, for springs that share the current of one output, which is not simulated, and for logs of other
-    springs, rigs or robots.
+    last film. The log of a film that cannot be used is kept under another name, and the run is repeated by
+    the next call. Raises `InputError` for a robot on a printed ground, whose films do not tell where it is,
+    for one with too few markers, for springs that share the current of one output, which is not simulated,
+    and for logs of other springs, rigs or robots.
     """
     deadline = _Deadline(config.minutes, clock)
     design, current = Design.load(design_file), rig.spring_parameters().current_limit
@@ -184,9 +183,7 @@ def adapt(
 
 def _in_air(scene: PrintedScene | None, air_c: float | None) -> PrintedScene | None:
     """What a prior tells, in air of this temperature [C]; None: in that of the rig file."""
-    if scene is None or air_c is None:
-        return scene
-    return replace(scene, springs=replace(scene.springs, ambient=air_c))
+    return None if scene is None else replace(scene, springs=scene.springs.in_air(air_c))
 
 
 def _moves(film: RobotFilms) -> bool:

@@ -81,10 +81,8 @@ def _find_measurements(log: RunLog, rig: Rig, hot: bool) -> dict[int, tuple[Bool
         counts = log.current_times - since >= _SETTLING_TIME
         counts &= log.currents[:, column] > zero_current  # false for one that is not measured
         if hot:
-            springs = rig.springs
-            transition = springs.austenite_finish_c - springs.austenite_start_c
-            is_hot = springs.austenite_finish_c - _HOT_MARGIN * transition
-            counts &= log.temperatures[modelled, column] >= is_hot
+            start, finish = rig.springs.austenite_start_c, rig.springs.austenite_finish_c
+            counts &= log.temperatures[modelled, column] >= finish - _HOT_MARGIN * (finish - start)
         if rig.supply.outputs == "shared":
             counts &= together == 1
         if counts.any():

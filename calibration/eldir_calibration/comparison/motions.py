@@ -119,7 +119,7 @@ def prepare_report(
         departure=film.departure,
         frame=film.frame,
         plane=film.plane,
-        samples=predictions.samples[film.motion.cycles - 1],
+        samples=predictions.samples(film.motion.cycles),
         film=render_film(main.log, film.plane, film.motion, predictions.body),
         wiring=select_motors(main.rig.channels, main.design.morphology.motors),
     )

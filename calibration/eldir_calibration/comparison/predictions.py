@@ -77,11 +77,15 @@ class PredictedMotions(NamedTuple):
     """Motions of other bodies under the first run's schedule, without those whose simulation blew up."""
     before: Motion | None
     """Prediction for the first run's nominal robot, if `own` is of an identified robot."""
-    samples: tuple[SampledMotions, ...]
-    """Motions of samples of the first run's robot over its first cycle, its first two cycles and so on, to
-    the end of the schedule: of the nominal one, or of the identified one."""
+    sampled: list[_SimulatedMotion]
+    """Motions of samples of the first run's robot: of the nominal one, or of the identified one."""
     body: PredictedBody
     """The whole body of the first prediction."""
+
+    def samples(self, cycles: int) -> SampledMotions:
+        """The samples over the first `cycles`, such as those that a film shows."""
+        markers = len(self.own[0].trajectory.names)
+        return SampledMotions.of([one.if_upright_for(cycles) for one in self.sampled], markers)
 
 
 @dataclass(frozen=True)
@@ -121,12 +125,13 @@ def predict_runs(
     before = other_motions.pop() if scene is not None else None
     if None in own or (scene is not None and before is None):
         raise divergence_error("the predicted motion")
-    found = tuple(
-        SampledMotions.of([one.if_upright_for(n) for one in every[len(simulations) :]], len(runs[0].names))
-        for n in range(1, runs[0].schedule.cycles + 1)
-    )
     return PredictedMotions(
-        simulate_evolved(runs[0]), [m for m in own if m], [m for m in other_motions if m], before, found, body
+        simulate_evolved(runs[0]),
+        [m for m in own if m],
+        [m for m in other_motions if m],
+        before,
+        every[len(simulations) :],
+        body,
     )
 
 

@@ -52,9 +52,8 @@ class MeasuredConditions:
         self, robot: RobotParameters, tolerances: RigTolerances
     ) -> tuple[RobotParameters, RigTolerances]:
         """The nominal robot with what was measured, and what it leaves open."""
-        springs = robot.springs
+        springs = robot.springs.in_air(self.room_c)
         if self.room_c is not None:
-            springs = replace(springs, ambient=self.room_c)
             low, high = self.room_c - _ROOM_ERROR, self.room_c + _ROOM_ERROR
             tolerances = replace(tolerances, ambient_min=low, ambient_max=high)
         if self.current_a is not None:
@@ -90,10 +89,7 @@ class RecordedRun:
     def on_rig(self, scene: PrintedScene) -> PrintedScene:
         """A scene with the supply of this rig, in the air of the run. Raises `InputError` for other
         springs."""
-        springs = self.rig.spring_parameters()
-        if self.measured.room_c is not None:
-            springs = replace(springs, ambient=self.measured.room_c)
-        return scene.on_rig(springs)
+        return scene.on_rig(self.rig.spring_parameters().in_air(self.measured.room_c))
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -131,9 +131,9 @@ def _free_lengths(
 ) -> list[FloatArray]:
     """Free lengths for `drive` of every robot, from the springs of its motors, all heated together. `hubs` of
     the motors of all robots, as `heat` takes them."""
-    on, room = recording.contact_shares, recording.room_c
+    on = recording.contact_shares
     motors = on.shape[1]
-    each = [s if room is None else replace(s, ambient=room) for own in springs for s in own]
+    each = [s.in_air(recording.room_c) for own in springs for s in own]
     state = SpringState(np.array([s.ambient for s in each]), np.ones(len(each)))
     history = heat(np.tile(on, (1, len(springs))), INTERVAL, each, state, hubs=hubs)
     cold = np.tile([s.cold_length for s in each], (_REST_INTERVALS + 1, 1))

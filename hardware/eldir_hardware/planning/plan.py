@@ -105,6 +105,7 @@ def plan(
         stage=on_stage,
     )
     schedule = plan_gait(design, rig, found, replace(config, scene=scene), on_stage)
+    # The digest is that of the scene as its file has it.
     return with_digests(schedule, rig, design, config.scene)
 
 
@@ -157,9 +158,7 @@ def heating_limits(rig: Rig, air_c: float | None = None) -> HeatingLimits:
     def timing(springs: SpringParameters, motors: int) -> tuple[float, float]:
         return find_timing(springs, rig, motors)
 
-    springs = rig.spring_parameters()
-    if air_c is not None:
-        springs = replace(springs, ambient=air_c)
+    springs = rig.spring_parameters().in_air(air_c)
     shared = rig.supply.outputs == "shared"
     shares = tuple(power_shares(rig, springs).tolist()) if shared else ()
     return HeatingLimits(springs, allowed, timing, rig.spring_tolerances(), shares)

@@ -135,7 +135,7 @@ def test_a_scene_may_know_that_heat_passes_between_springs(driven: RecordedRun) 
     assert without.before is not None and passed.before is not None and same(without.before, passed.before)
     own = [motions.own[0].trajectory.positions for motions in found]
     assert np.abs(own[1] - own[0]).max() > 1e-4
-    assert passed.samples[-1].fell == 1, "a sample was heated too: without its hubs it would be refused"
+    assert passed.samples(1).fell == 1, "a sample was heated too: without its hubs it would be refused"
 
 
 def test_the_predicted_walk_is_filmed(driven: RecordedRun, tmp_path: Path) -> None:
@@ -164,7 +164,7 @@ def test_samples_are_those_that_a_gait_was_planned_with(driven: RecordedRun) -> 
     gait = Gait(20.0, np.array([0.0, 0.125]), np.full(2, 0.27))
     schedule = compile_schedule(gait, driven.rig, springs, cycles=3)
     run = RecordedRun(design, schedule, driven.rig)
-    found = predict_runs([run], samples=6).samples[-1]
+    found = predict_runs([run], samples=6).samples(3)
     over_time = predict_walk(run, 6)  # what the live page shows
     told = prediction_interval(found.walks)
     np.testing.assert_allclose(over_time[-1, 1:] * 5 / 3, [told.mean, told.low, told.high], atol=0.02)
@@ -203,7 +203,7 @@ def test_a_control_robot_follows_the_intact_ones_schedule(driven: RecordedRun) -
 def test_a_sample_that_falls_is_no_walk(driven: RecordedRun, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("eldir.built.walking.TOPPLED_ANGLE", 0.0)
     found = predict_runs([driven], samples=2)
-    assert [s.fell for s in found.samples] == [2] * 3 and np.isnan(found.samples[-1].swings).all()
+    assert [found.samples(n).fell for n in (1, 2, 3)] == [2] * 3 and np.isnan(found.samples(3).swings).all()
     assert len(found.own) == 1, "the nominal robot's motion is shown all the same"
 
 
@@ -219,14 +219,15 @@ def test_samples_are_compared_over_the_cycles_that_were_filmed(
         return motion.status == OK and len(motion.positions) <= fall["at"]
 
     monkeypatch.setattr("eldir_calibration.comparison.predictions.stays_upright", stand)
-    every = predict_runs([driven], samples=2).samples
-    assert [s.fell for s in every] == [0, 0, 0]
+    every = predict_runs([driven], samples=2)
+    assert [every.samples(n).fell for n in (1, 2, 3)] == [0, 0, 0]
     shorter = replace(driven, schedule=replace(schedule, cycles=2))
-    alone = predict_runs([shorter], samples=2).samples[-1]
-    np.testing.assert_allclose(every[1].walks, alone.walks, atol=1e-9)
-    np.testing.assert_allclose(every[1].ranges, alone.ranges, atol=1e-9)
+    alone, part = predict_runs([shorter], samples=2).samples(2), every.samples(2)
+    np.testing.assert_allclose(part.walks, alone.walks, atol=1e-9)
+    np.testing.assert_allclose(part.ranges, alone.ranges, atol=1e-9)
     fall["at"] = (frames[2] + frames[3]) // 2
-    assert [s.fell for s in predict_runs([driven], samples=2).samples] == [0, 0, 2]
+    falling = predict_runs([driven], samples=2)
+    assert [falling.samples(n).fell for n in (1, 2, 3)] == [0, 0, 2]
 
 
 def test_a_run_that_ended_early_has_its_whole_cycles(driven: RecordedRun) -> None:
