@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 import shutil
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,114 +16,25 @@ from scipy.integrate import quad
 from scipy.stats import norm
 from typer.testing import CliRunner
 
-from eldir.built.gait_search import nominal_robots
-from eldir.built.samples import IdentifiedRobots, sample_walks, simulate_most_probable
 from eldir.built.scene import PrintedScene
 from eldir.built.walking import describe_ties
 from eldir.errors import EldirError, InputError
-from eldir.parameters.printed import BuiltParameters
-from eldir.parameters.robot import RobotParameters
 from eldir.parameters.uncertain import PARAMETERS
 from eldir.terrain import Terrain
-from eldir.trajectory import Trajectory
 from eldir_app.application import application
-from eldir_calibration.adaptation.choice import BestRun, advise_supply, discrepancy, expected_improvement
-from eldir_calibration.adaptation.films import FilmedWalk, filmed_walks, nominal_robot, read_run
+from eldir_calibration.adaptation.choice import BestRun, advise_supply, expected_improvement
+from eldir_calibration.adaptation.films import nominal_robot, read_run
 from eldir_calibration.adaptation.loop import adapt
 from eldir_calibration.adaptation.page import RunRow, quantity_rows
-from eldir_calibration.adaptation.runs import Adaptation, AdaptationConfig, AdaptationRun, Fault, SupplyAdvice
+from eldir_calibration.adaptation.runs import Adaptation, AdaptationRun, Fault, SupplyAdvice
 from eldir_calibration.dynamics.belief import Belief, BeliefConfig
-from eldir_calibration.dynamics.recording import INTERVAL, FilmedBody, Recording, predict_markers
-from eldir_hardware.log.recorder import Recorder
-from eldir_hardware.planning.compiler import extract_gait
-from eldir_hardware.planning.plan import heating_limits
-from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.schedule import ActuationSchedule
-from tests.calibration.adaptation.short_adaptation import FEW, make_walker, shorten
-from tests.hardware.rigs_and_schedules import rig_text
+from tests.calibration.adaptation.hidden_bench import IMPOSSIBLE, OFF, Bench, files
+from tests.calibration.adaptation.short_adaptation import FEW, shorten
 from tests.paths import SCHEMAS
 from tests.raised import raises
 
 STEP = Terrain(np.array([-1.0, 0.06, 0.12]), np.array([0.0, 0.1, 0.0]), np.array([0.0, -0.006, 0.006]))
-IMPOSSIBLE = "the coil of spring 2-3 would buckle on a printed robot, first 2.0 s after power-on"
-OFF = {"hot_length": -0.8, "current": 0.5, "friction": 0.5}
-
-
-class Bench:
-    """A rig in a folder, and a robot on it whose parameters only this class knows. It walks as the engine
-    says of a coarse robot, and its log holds tracks instead of pictures."""
-
-    def __init__(self, folder: Path):
-        self.folder, self.design_file, self.rig_file = folder, folder / "design.json", folder / "rig.yaml"
-        self.design = make_walker()
-        self.design.save(self.design_file)
-        self.rig_file.write_text(rig_text(seed=4, design="design.json"))
-        self.fails_in_run = 0
-        self.is_cold = False
-        self.off = OFF
-        self.driven: list[str] = []
-        self.decided: dict[str, bytes] = {}
-
-    @property
-    def rig(self) -> Rig:
-        return Rig.load(self.rig_file)
-
-    def adapt(self, out: str = "out", config: AdaptationConfig = FEW) -> Adaptation:
-        return adapt(self.design_file, self.rig, self.folder / out, self.drive, config)
-
-    def drive(self, schedule: ActuationSchedule, log: Path) -> None:
-        self.driven.append(log.parent.name)
-        if self.fails_in_run == int(log.parent.name[-2:]):
-            log.write_bytes(b"the first records of a log")
-            raise EldirError("the supply has failed")
-        channels, states = schedule.sampled(INTERVAL)
-        own = {entry.channel: entry.spring for entry in self.rig.channels}
-        motors = [[channels.index(c) for c in channels if own[c] == m] for m in range(2)]
-        on = np.stack([states[:, columns].mean(axis=1) for columns in motors], axis=1)
-        names = tuple(f"m{i + 1}" for i in range(len(self.design.marks)))
-        times = np.arange(0.0, len(on) * INTERVAL, 0.1)
-        blank = Recording(Trajectory(names, times, np.zeros((len(times), len(names), 2))), on, 0.0, 1.0, 1)
-        nominal = RobotParameters(BuiltParameters().with_hubs(), self.rig.spring_parameters())
-        body = FilmedBody(self.design.morphology, self.design.marks, self.design.ballast / 2)
-        moving = replace(blank, contact_shares=0.0 * on) if self.is_cold else blank
-        truth = nominal.at(tuple(self.off), list(self.off.values()))
-        (moved,) = predict_markers(body, [moving], [truth], coarse=True)[0]
-        springs = [f"spring{entry.spring}_{entry.face}" for entry in self.rig.channels]
-        with Recorder(log, [f"channel{c}" for c in range(1, 5)], springs) as recorder:
-            recorder.attach("schedule.json", json.dumps(schedule.to_json()).encode())
-            recorder.attach("rig.yaml", self.rig_file.read_bytes())
-            recorder.attach("design.json", self.design_file.read_bytes())
-            if log.parent.name == "run_02":
-                recorder.on_status(0.0, "virtual rig", IMPOSSIBLE, good=False)
-            recorder.on_relays(0.0, [False] * 4)
-            closed = dict.fromkeys(range(1, 5), False)
-            for t, changes in schedule.switchings():
-                closed |= changes
-                recorder.on_relays(t, list(closed.values()))
-            for t, marks in zip(times, moved, strict=True):
-                recorder.on_tracks(t, names, marks)
-
-
-@pytest.fixture(scope="module")
-def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
-    """After an adaptation whose second run failed, and which went on."""
-    with pytest.MonkeyPatch.context() as shorter:  # how far it walks in the end is no matter here
-        shorten(shorter.setattr)
-        made = Bench(tmp_path_factory.mktemp("bench"))
-        made.fails_in_run = 2
-        with pytest.raises(EldirError, match="the supply has failed"):
-            made.adapt()
-        made.fails_in_run, made.decided = 0, files(made.folder / "out" / "run_02")
-        made.adapt()
-        yield made
-
-
-def files(folder: Path) -> dict[str, bytes]:
-    return {
-        str(path.relative_to(folder)): path.read_bytes()
-        for path in sorted(folder.rglob("*"))
-        if path.is_file() and path.suffix == ".json"
-    }
 
 
 def test_every_run_is_kept_and_the_best_one_is_the_result(bench: Bench) -> None:
@@ -282,96 +192,6 @@ def test_the_time_is_up_while_a_person_puts_the_robot_back(bench: Bench) -> None
         clock=lambda: now[0],
     )
     assert found == Adaptation((), None, "the next run would end after 10 minutes") and not bench.driven
-
-
-def test_with_another_current_the_error_of_earlier_films_counts(bench: Bench) -> None:
-    """Until there is a film with this current. The robots are those of a supply that is set otherwise."""
-    scene = PrintedScene.load(bench.folder / "out" / "run_02" / "belief.json")
-    film, own = scene.filmed_gaits[0], bench.rig.supply.current_limit_a
-    weaker = replace(scene.springs, current_limit=scene.springs.current_limit / 1.1)
-    (walk,) = simulate_most_probable(
-        IdentifiedRobots.of(bench.design, replace(scene, springs=weaker)), [film.gait], coarse=True
-    )
-    earlier = [FilmedWalk(film, own)]
-    assert discrepancy(bench.design, scene, earlier, 1.1 * own) == pytest.approx(
-        ((walk - film.walked) / 2, abs(walk - film.walked)), abs=2e-3
-    )
-    now = [*earlier, FilmedWalk(film, 1.1 * own)]
-    assert discrepancy(bench.design, scene, now, 1.1 * own) == discrepancy(bench.design, scene, earlier, own)
-
-
-def test_a_walk_is_compared_in_the_air_of_its_film(bench: Bench) -> None:
-    """The belief holds for the air of the last run, and another run may have been in colder air."""
-    scene = PrintedScene.load(bench.folder / "out" / "run_02" / "belief.json")
-    film, own = scene.filmed_gaits[0], bench.rig.supply.current_limit_a
-    colder = replace(scene.springs, ambient=scene.springs.ambient - 4.0)
-    walks = [
-        simulate_most_probable(IdentifiedRobots.of(bench.design, one), [film.gait], coarse=True)[0]
-        for one in (scene, replace(scene, springs=colder))
-    ]
-    assert abs(walks[0] - walks[1]) > 0.02
-    there, here = FilmedWalk(film, own, colder.ambient), FilmedWalk(film, own, scene.springs.ambient)
-    for filmed, walk in ((here, walks[0]), (there, walks[1])):
-        expected = (walk - film.walked) / 2, abs(walk - film.walked)
-        assert discrepancy(bench.design, scene, [filmed], own) == pytest.approx(expected, abs=1e-6)
-    bias, _ = discrepancy(bench.design, scene, [here, there], own)
-    assert bias == pytest.approx((sum(walks) - 2 * film.walked) / 3, abs=1e-6)
-    assert discrepancy(bench.design, scene, [here], own) == discrepancy(
-        bench.design, scene, [FilmedWalk(film, own)], own
-    )
-
-
-def test_films_know_their_air(bench: Bench) -> None:
-    out = bench.folder / "out"
-    film = read_run(out / "run_01" / "run_01.mcap", bench.design, bench.rig, lambda what, part: None)
-    for room, air in ((None, bench.rig.springs.ambient_c), (18.5, 18.5)):
-        (walk,) = filmed_walks([film._replace(rooms_c=(room,))])
-        assert walk.air_c == air and walk.current_limit_a == bench.rig.supply.current_limit_a
-
-
-@pytest.mark.parametrize("with_prior", [False, pytest.param(True, marks=pytest.mark.stress)])
-def test_the_first_run_is_planned_for_the_air_that_was_measured(bench: Bench, with_prior: bool) -> None:
-    """Its walk is that of the samples in that air, with what another robot tells or without."""
-    first, out = bench.folder / "out", bench.folder / f"cold_{with_prior}"
-    planned: list[ActuationSchedule] = []
-
-    def drive(schedule: ActuationSchedule, log: Path) -> None:
-        planned.append(schedule)
-        raise EldirError("nothing is driven")
-
-    rig, prior = bench.rig, [first] if with_prior else []
-    with pytest.raises(EldirError, match="nothing is driven"):
-        adapt(bench.design_file, rig, out, drive, FEW, prior=prior, room_c=18.0)
-    springs = replace(rig.spring_parameters(), ambient=18.0)
-    robots = nominal_robots(bench.design, replace(heating_limits(rig), springs=springs))
-    if with_prior:
-        told = PrintedScene.load(out / "prior.json")
-        assert told.springs.ambient == rig.springs.ambient_c, "it is that of all runs"
-        colder = replace(told, springs=replace(told.springs, ambient=18.0))
-        assert PrintedScene.load(out / "run_01" / "belief.json") == colder
-        robots = IdentifiedRobots.of(bench.design, colder)
-    (cold,) = planned
-    gait, walk = extract_gait(cold), cold.predicted.walk
-    assert gait is not None and walk is not None
-    assert walk != ActuationSchedule.load(first / "run_01" / "schedule.json").predicted.walk
-    (walks,) = sample_walks(robots, [gait], FEW.samples, FEW.seed)
-    assert walk.mean == pytest.approx(walks.mean, abs=1e-6)
-
-
-def test_one_film_tells_half_of_what_is_predicted_too_much(bench: Bench) -> None:
-    out = bench.folder / "out"
-    runs = Adaptation.load(out / "adaptation.json").runs
-    scene = PrintedScene.load(out / "run_02" / "belief.json")
-    (walk,) = simulate_most_probable(
-        IdentifiedRobots.of(bench.design, scene), [scene.filmed_gaits[0].gait], coarse=True
-    )
-    films = [FilmedWalk(film, bench.rig.supply.current_limit_a) for film in scene.filmed_gaits]
-    bias, error = discrepancy(bench.design, scene, films, bench.rig.supply.current_limit_a)
-    assert bias == pytest.approx((walk - runs[0].filmed) / 2, abs=1e-4) and error == pytest.approx(
-        abs(2 * bias)
-    )
-    planned = ActuationSchedule.load(out / runs[1].schedule).predicted.walk
-    assert planned is not None and runs[1].predicted == pytest.approx(planned.expected - bias, abs=1e-4)
 
 
 @pytest.mark.stress
