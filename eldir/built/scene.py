@@ -18,13 +18,13 @@ from eldir.design import Design
 from eldir.errors import InputError
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
-from eldir.parameters.springs import SpringParameters
+from eldir.parameters.springs import SUPPLY, SpringParameters
 from eldir.parameters.uncertain import PARAMETERS
 
 _MAX_Z = 30.0  # standard deviations of a prior; a fit ends at four
 _MAX_STRIP_M = 0.05  # length of a strip beyond the drawing [m]; the pitch is 0.057
 _MAX_FACTOR = 100.0  # times the nominal value, or a part of it
-_SUPPLY_AND_AIR = ("current_limit", "supply_voltage", "lead_resistance", "ambient", "convection_still")
+_SUPPLY_AND_AIR = (*SUPPLY, "ambient", "convection_still")
 """Fields of springs that a rig and its air determine; still air takes more heat where it is warmer."""
 _SAME = 1e-4  # relative: files have z to six digits
 _FIRST_KEYS = {"strained": "at_edge", "doubt_left_of_prior": "spread_left_of_prior"}

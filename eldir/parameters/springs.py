@@ -58,6 +58,10 @@ _Celsius = Annotated[float, Field(gt=-273.15)]
 _TRANSITION = Tolerance(1.0, "absolute", shared="transition")
 
 
+SUPPLY = ("supply_voltage", "current_limit", "lead_resistance")
+"""Fields of `SpringParameters` that the supply and its leads determine."""
+
+
 @record
 class SpringParameters(Record):
     """Parameters of one spring and its supply. The defaults are assumptions for the built robot until it is

@@ -18,17 +18,14 @@ from scipy.special import ellipe, ellipk
 
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
-from eldir.parameters.springs import SpringParameters
+from eldir.parameters.springs import SUPPLY, SpringParameters
 from eldir_cad.geometry.parts import cap, connector, fitting, mass_volume, strip
 from eldir_cad.kit.printer import Printer
 from eldir_cad.kit.specification import Specification
 
 _DIGITS = 3  # significant, of what the printed scene takes: its constants are known no better
 
-_SUPPLY = (
-    "supply_voltage", "current_limit", "lead_resistance",
-    "convection_fan", "convection_still", "fan", "ambient",
-)  # fmt: skip
+_SUPPLY_AND_AIR = (*SUPPLY, "convection_fan", "convection_still", "fan", "ambient")
 
 
 @dataclass(frozen=True)
@@ -165,7 +162,7 @@ def spring_parameters(spec: Specification) -> SpringParameters:
 
 def on_supply_of(springs: SpringParameters, other: SpringParameters) -> SpringParameters:
     """These springs on the supply, and in the air, of other ones."""
-    return replace(springs, **{name: getattr(other, name) for name in _SUPPLY})
+    return replace(springs, **{name: getattr(other, name) for name in _SUPPLY_AND_AIR})
 
 
 def _rounded(value: float) -> float:
