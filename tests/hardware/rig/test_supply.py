@@ -277,6 +277,8 @@ def test_the_fan_cools_a_thicker_wire_less():
     assert fans[1] == 150.0
     assert np.log2(fans[0] / fans[1]) == pytest.approx(0.534, abs=0.03)
     assert np.log2(fans[1] / fans[2]) == pytest.approx(0.534, abs=0.03)
+    thin = rig_with(springs={"wire_diameter_mm": 0.5, "resistance_ohm": None}).spring_parameters()
+    assert round(thin.convection_fan) == 187  # docs/reference/rig.md
     for written, counts in ((None, 104.2), (150.0, 104.2), (90.0, 90.0)):
         worst = worst_springs(rig_with(springs=THICK | {"convection_fan": written}))
         assert worst.convection_fan == pytest.approx(0.9 * counts, rel=0.01)
