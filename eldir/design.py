@@ -144,7 +144,7 @@ class Design(FileRecord):
     """A robot's genotype, its controller and the scene in which it was trained."""
 
     FORMAT = "eldir-design/1"
-    OPTIONAL = frozenset({"variant", "marks", "printed_terrain"})
+    OPTIONAL = frozenset({"variant", "marks", "printed_terrain", "other_parts"})
 
     lattice: Lattice
     """Size of the lattice in which the body lies."""
@@ -163,6 +163,8 @@ class Design(FileRecord):
     body."""
     printed_terrain: Annotated[Terrain | None, OMITTED] = None
     """The ground under the printed robot [m, of the printed robot]; by default a table."""
+    other_parts: Annotated[tuple[str, ...], Field(exclude_if=lambda names: not names)] = ()
+    """Parameters in which the printed parts are not the kit's (`eldir packet --parts`); by default none."""
     provenance: dict[str, Any] = field(default_factory=dict)
     """Origin of the design: run, generation, fitness, versions, seeds. Plain JSON values for the reader;
     `eldir.built.gait` reads the gait from it."""
@@ -198,6 +200,16 @@ class Design(FileRecord):
         if self.variant.ballast is not None:
             weights[self.variant.ballast.mass] = 1e-3 * self.variant.ballast.grams
         return weights
+
+    @property
+    def parts_remark(self) -> str:
+        """What predictions leave out of this robot's parts; empty for those of the kit."""
+        if not self.other_parts:
+            return ""
+        return (
+            f"the parts are not the kit's ({', '.join(self.other_parts)}): predictions are for the kit's "
+            "parts, not for this robot"
+        )
 
     @property
     def body(self) -> str:

@@ -12,6 +12,7 @@ from eldir.core.kernels import DeviceChoice
 from eldir.errors import InputError
 
 if TYPE_CHECKING:
+    from eldir.design import Design
     from eldir_hardware.rig.configuration import Rig
 
 DesignFile = Annotated[Path, typer.Argument(help="Design file.")]
@@ -54,6 +55,17 @@ def check_printer(name: str) -> None:
     if Path(name).suffix not in (".yaml", ".yml") and name not in printers():
         known = ", ".join(printers())
         raise typer.BadParameter(f"expected {known} or a .yaml file; found {name!r}", param_hint="--printer")
+
+
+def load_predicted_design(file: Path) -> Design:
+    """Read the design of a robot whose motion the command predicts. Warns where its parts are not the kit's:
+    predictions know no others."""
+    from eldir.design import Design
+
+    design = Design.load(file)
+    if design.parts_remark:
+        typer.echo(f"warning: {file}: {design.parts_remark}", err=True)
+    return design
 
 
 def load_real_rig(rig_file: Path) -> tuple[Rig, str]:

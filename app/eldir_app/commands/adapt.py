@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eldir_app.options import DesignFile, RigFile
+from eldir_app.options import DesignFile, RigFile, load_predicted_design
 
 if TYPE_CHECKING:
     from eldir_calibration.adaptation.runs import Adaptation, AdaptationRun, SupplyAdvice
@@ -48,14 +48,13 @@ def adapt(
 
     Example: eldir adapt design.json --rig rig.yaml --out adapted
     """
-    from eldir.design import Design
     from eldir_app.progress import progress_bar
     from eldir_hardware.rig.configuration import Rig
     from eldir_hardware.safety.latch import require_unlatched
     from eldir_hardware.safety.limits import check_rig, check_room
 
     _require_own_folder(out)
-    Design.load(design)
+    load_predicted_design(design)
     rig = Rig.load(rig_file)
     check_rig(rig)
     check_room(rig, room)

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from eldir_app.options import DesignFile, PartsFile, Printer, check_printer
+from eldir_app.options import DesignFile, PartsFile, Printer, check_printer, load_predicted_design
 from eldir_cad.kit import PRINTER
 
 
@@ -55,6 +55,7 @@ def export(
         raise typer.BadParameter(f"expected a file that ends in .xml; found {out.name!r}", param_hint="--out")
     require_new(out)
     check_printer(printer)
+    robot = Design.load(design) if parts is not None else load_predicted_design(design)
     loaded = None if rig is None else Rig.load(rig)
     springs, shares = None, None
     if loaded is not None:
@@ -62,7 +63,6 @@ def export(
         springs = loaded.spring_parameters()
         shares = power_shares(loaded, springs)
     heating = None if schedule is None else ActuationSchedule.load(schedule)
-    robot = Design.load(design)
     if heating is not None and loaded is not None:
         require_same_rig(heating, robot, loaded, str(rig))
     kit = load_specification(parts), load_printer(printer)

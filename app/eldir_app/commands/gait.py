@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eldir_app.options import DesignFile, SceneFile, ScheduleOutput, ScheduleRigFile
+from eldir_app.options import DesignFile, SceneFile, ScheduleOutput, ScheduleRigFile, load_predicted_design
 
 if TYPE_CHECKING:
     from eldir.built.gait import Gait
@@ -54,14 +54,13 @@ def gait(
     """
     from eldir.built.scene import PrintedScene
     from eldir.core.files import require_ending, require_new, write_bytes
-    from eldir.design import Design
     from eldir_hardware.planning.plan import PlanConfig, draw_heat
     from eldir_hardware.rig.configuration import Rig
     from eldir_hardware.safety.compatibility import packet_wiring
 
     require_ending("--picture", picture, ".png")
     require_new(out, picture)
-    robot, loaded = Design.load(design), Rig.load(rig)
+    robot, loaded = load_predicted_design(design), Rig.load(rig)
     identified = None if scene is None else PrintedScene.load(scene)
     design_file = os.path.relpath(design, out.parent)
     if other_than and imitate:

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from eldir_app.options import load_predicted_design
+
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
@@ -58,7 +60,8 @@ def show(
 
     target = out if out is not None else _beside(design, ".png" if schedule is None else ".webm")
     require_folder(target)
-    robot = _best(design) if design.is_dir() else Design.load(design)
+    read = Design.load if schedule is None else load_predicted_design
+    robot = _best(design) if design.is_dir() else read(design)
     if target.suffix == ".png":
         write_bytes(target, picture(robot))
     else:

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from eldir_app.options import load_predicted_design
+
 if TYPE_CHECKING:
     from eldir_calibration.transfer.compared_walks import TransferConfig
     from eldir_calibration.transfer.page import TransferResult
@@ -99,13 +101,12 @@ def transfer(
 
 def _require_designs(names: list[str]) -> None:
     """Raise `InputError` for a design that is given twice or cannot be read, before the slow imports."""
-    from eldir.design import Design
     from eldir.errors import InputError
 
     if len(set(names)) < len(names):
         raise InputError("the same design is given twice", expected="different files", found=", ".join(names))
     for name in names:
-        Design.load(name)
+        load_predicted_design(Path(name))
 
 
 def _compare(names: list[str], config: TransferConfig, explain: bool, engine: str) -> TransferResult:

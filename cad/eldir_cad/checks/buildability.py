@@ -17,7 +17,6 @@ from eldir.design import marked_masses
 from eldir.lattice import HALF_SIDE
 from eldir.morphology import Morphology
 from eldir.parameters.springs import SpringParameters
-from eldir_cad.checks._kit_differences import note_differences
 from eldir_cad.checks.contacts import Lead, find_contacts, find_leads
 from eldir_cad.checks.kinematics import (
     AT_REST,
@@ -29,6 +28,7 @@ from eldir_cad.checks.kinematics import (
     simulate_stroke,
     socket_turns,
 )
+from eldir_cad.checks.kit_differences import note_differences
 from eldir_cad.checks.strip_law import StripLaw, built_parameters, spring_parameters
 from eldir_cad.checks.tipping import (
     CURRENT_SPREAD,

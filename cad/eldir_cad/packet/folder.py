@@ -26,6 +26,7 @@ from eldir.parameters.wiring import Wiring, wiring
 from eldir.terrain import TerrainFile
 from eldir_cad.checks.buildability import check_with_leads
 from eldir_cad.checks.contacts import Lead
+from eldir_cad.checks.kit_differences import different_parameters
 from eldir_cad.checks.strip_law import built_parameters
 from eldir_cad.checks.violations import BuildReport
 from eldir_cad.geometry.shapes import stl
@@ -81,6 +82,7 @@ def write_packet(
     printer = printer or load_printer()
     spec = fit_to_printer(specification or load_specification(), printer)
     built = apply_variant(design, variant or Variant())
+    built = replace(built, other_parts=different_parameters(spec, printer))
     report, leads = check_with_leads(built.morphology, spec, printer, ballast=built.ballast / 2)
     report.require_buildable()
     with new_folder(out) as folder:

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
@@ -34,6 +34,7 @@ from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
 from eldir.parameters.tolerances import RigTolerances
 from eldir_cad.checks.buildability import check
+from eldir_cad.checks.kit_differences import different_parameters
 from eldir_cad.checks.lateral_stability import LateralStability, predict_lateral_stability
 from eldir_cad.checks.strip_law import built_parameters, hub_parameters, spring_parameters
 from eldir_cad.checks.violations import BuildReport
@@ -127,7 +128,7 @@ def rank(
     spec = fit_to_printer(specification or load_specification(), printer)
     different = _unique_bodies(designs)
     reasons: Counter[str] = Counter()
-    own = springs or spring_parameters(spec)
+    own, other_parts = springs or spring_parameters(spec), different_parameters(spec, printer)
     buildable = _filter_buildable(different, spec, printer, own, reasons, show)
     nominal = RobotParameters(built_parameters(spec, printer, own), own)
     robot = nominal if scene is None else scene.robot.uniform
@@ -156,7 +157,8 @@ def rank(
         lateral = None
         if design.printed_terrain is None:
             lateral = predict_lateral_stability(body, gait, spec, printer, robot.springs)
-        candidates.append(RankedDesign(design, report, s, gait, walks, lateral))
+        built = replace(design, other_parts=other_parts)
+        candidates.append(RankedDesign(built, report, s, gait, walks, lateral))
         show("samples", (i + 1) / len(standing))
     candidates.sort(key=lambda c: (c.may_fall_sideways, c.is_doubtful, -c.spread.fitness))
     candidates = repeats_last(

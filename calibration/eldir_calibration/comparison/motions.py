@@ -158,6 +158,8 @@ def _remarks(
         for run in runs
         if run.impossible_motion
     ]
+    if main.design.parts_remark:
+        remarks.append(main.design.parts_remark)
     if main.design.printed_terrain is not None:
         remarks.append(_ON_GROUND.format(ON_GROUND if has_ground else NOT_DRAWN))
     if "remark" in film.plane.provenance:

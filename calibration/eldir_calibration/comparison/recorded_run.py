@@ -220,17 +220,18 @@ def _measured_conditions(log: RunLog, rig: Rig) -> MeasuredConditions:
 
 
 def open_run(path: Path, design: Design) -> LoggedRun:
-    """Reads a log as `read_run` does; raises `InputError` where it is of another design."""
+    """Reads a log as `read_run` does; raises `InputError` where it is of another design. Parts that are not
+    the kit's are those of the log's design, or of the given one where the log does not know them."""
     run = read_run(path)
     recorded = run.design
-    if not _is_variant(recorded, design):
+    if not _is_variant(replace(recorded, other_parts=design.other_parts), design):
         raise InputError(
             f"{path} was recorded with another design",
             code="log.other-design",
             expected="the design that the log holds as design.json, or one it was made from",
             found=f"another {_name_difference(recorded, design)}",
         )
-    return run
+    return replace(run, design=replace(recorded, other_parts=recorded.other_parts or design.other_parts))
 
 
 def _name_difference(recorded: Design, design: Design) -> str:

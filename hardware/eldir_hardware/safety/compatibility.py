@@ -62,9 +62,10 @@ def schedule_digest(schedule: ActuationSchedule) -> str:
 
 
 def design_digest(design: Design) -> str:
-    """SHA-256 of a design without its provenance."""
+    """SHA-256 of a design without its provenance, and without the names of its parts that are not the kit's:
+    a schedule does not depend on them."""
     values = Design.from_json(design.to_json()).to_json()
-    return _digest({k: v for k, v in values.items() if k != "provenance"})
+    return _digest({k: v for k, v in values.items() if k not in ("provenance", "other_parts")})
 
 
 def rig_digests(rig: Rig) -> dict[str, str]:

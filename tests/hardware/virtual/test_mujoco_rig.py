@@ -6,6 +6,7 @@ import os
 import signal
 import sys
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -115,7 +116,9 @@ def test_the_command_writes_the_same_bytes_and_warns_of_what_a_printed_robot_can
     assert told.startswith("the coil of spring 0-3 would buckle on a printed robot, first 6.")
     assert f"warning: not possible in reality: {told}\n" in result.stderr
     with WorkerProcess("eldir_calibration.comparison.predictions") as worker:
-        content = prepare_report(folder / "again.mcap", DESIGN, worker, samples=2)
+        thick = replace(DESIGN, other_parts=("bending", "strip"))
+        content = prepare_report(folder / "again.mcap", thick, worker, samples=2)
+    assert thick.parts_remark in content.remarks and "(bending, strip)" in thick.parts_remark
     assert f"The walk in again.mcap is not possible in reality: {told}." in content.remarks
 
 

@@ -1,4 +1,4 @@
-"""Notes on parts that differ from the kit's: the commands after the packet do not know them."""
+"""Parts that differ from the kit's: the commands after the packet do not know them."""
 
 from __future__ import annotations
 
@@ -22,10 +22,15 @@ def note_differences(spec: Specification, printer: Printer) -> list[Violation]:
     return [*_note_parts(spec, printer), *_note_coils(spec)]
 
 
-def _note_parts(spec: Specification, printer: Printer) -> list[Violation]:
+def different_parameters(spec: Specification, printer: Printer) -> tuple[str, ...]:
+    """Names of the parameters of the printed parts that decide how a robot moves, and are not the kit's."""
     kit, own = BuiltParameters().with_hubs(), hub_parameters(spec, printer)
     values = [(name, getattr(own, name), getattr(kit, name)) for name in _PREDICTED]
-    other = [name for name, value, usual in values if abs(value - usual) > _AS_THE_KIT * usual]
+    return tuple(name for name, value, usual in values if abs(value - usual) > _AS_THE_KIT * usual)
+
+
+def _note_parts(spec: Specification, printer: Printer) -> list[Violation]:
+    other = different_parameters(spec, printer)
     if not other:
         return []
     message = (
