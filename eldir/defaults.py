@@ -22,7 +22,7 @@ CROSSOVERS: dict[EncodingName, tuple[Crossover, ...]] = {
 }
 """Which crossovers an encoding has."""
 Ground = Literal["flat", "level", "incline", "decline"]
-"""Flat, or rugged; `eldir.evolution.search` has the tilt of each rugged one."""
+"""Flat, or rugged; `eldir.evolution.paper.configuration` has the tilt of each rugged one."""
 GROUND: Ground = "flat"
 Objective = Literal["paper", "printed"]
 OBJECTIVE: Objective = "paper"
