@@ -8,6 +8,7 @@ import math
 import os
 import signal
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -157,9 +158,10 @@ def hold_prediction(node):
 
 def children(process):
     """Processes that a process has started, its helper for shared memory left out."""
-    found = [
-        int(n) for t in Path(f"/proc/{process}/task").iterdir() for n in (t / "children").read_text().split()
-    ]
+    found: list[int] = []
+    for thread in Path(f"/proc/{process}/task").iterdir():
+        with suppress(OSError):  # the thread has ended meanwhile; another one has its children now
+            found += map(int, (thread / "children").read_text().split())
     return [n for n in found if b"resource_tracker" not in command_of(n)]
 
 
