@@ -66,7 +66,7 @@ class ModelNumbers(Record):
     noise_m: NonNegativeFloat
     """Noise of the tracks [m]."""
     marks: dict[str, dict[str, NonNegativeFloat]]
-    """Residual of each mark, forward and up, that noise does not explain [m]."""
+    """Residual of each mark that was seen, forward and up, that noise does not explain [m]."""
     predicts: bool
     """The same as fits, but parameters may be at the edge of their range."""
 

@@ -40,7 +40,8 @@ class ModelCheck(Record):
 
     markers: tuple[str, ...]
     correlated: FloatArray
-    """Residual that noise does not explain, forward and up, of each marker [m], shape (2, markers)."""
+    """Residual that noise does not explain, forward and up, of each marker [m], shape (2, markers); NaN for a
+    marker that was not seen in two frames in a row."""
     noise: float
     """Noise of one coordinate in the tracks [m]."""
     rms: float
@@ -58,8 +59,9 @@ class ModelCheck(Record):
 
     @property
     def unexplained(self) -> float:
-        """Residual that noise does not explain, root mean square over markers and directions [m]."""
-        return float(np.sqrt((self.correlated**2).mean()))
+        """Residual that noise does not explain, root mean square over seen markers and directions [m]; 0
+        without any."""
+        return root_mean(self.correlated[np.isfinite(self.correlated)] ** 2)
 
     @property
     def reproducible_share(self) -> float:
@@ -78,6 +80,7 @@ class ModelCheck(Record):
             "marks": {
                 marker: {d: _rounded(v) for d, v in zip(_DIRECTIONS, self.correlated[:, i], strict=True)}
                 for i, marker in enumerate(self.markers)
+                if np.isfinite(self.correlated[:, i]).all()
             },
         }
 
@@ -91,24 +94,27 @@ def check_model(
 ) -> ModelCheck:
     """Checks predicted markers (frames, markers, 2) [m] of each recording. `perturbed` (n, frames, 2 markers)
     [m]: by how much slightly perturbed robots differ, as `Residual.shape`; frames in which they diverge are
-    not judged."""
+    not judged. Where the camera saw a marker and the predicted robot blew up, the residual is huge."""
     reproducible, chance = [np.ones(len(r.tracked.times), bool) for r in recordings], 0.0
     if perturbed is not None:
         reproducible, chance = find_reproducible_frames(recordings, perturbed, config)
     products, pairs, squares, motions = [], [], [], []
     for r, x in zip(mask_frames(recordings, reproducible), positions, strict=True):
         residuals = compute_residual(r, np.nan_to_num(r.tracked.positions - x)).shape
-        visible = residuals != 0
+        visible = np.tile(np.isfinite(r.tracked.positions[..., 0]), 2)
+        diverged = visible & ~np.tile(np.isfinite(x).all(axis=-1), 2)
+        residuals = np.where(diverged, config.diverged_residual * config.camera_noise, residuals)
         products.append((residuals[1:] * residuals[:-1]).sum(axis=0))
         pairs.append((visible[1:] & visible[:-1]).sum(axis=0))
         squares.append(residuals[visible] ** 2)
         motions.append(compute_residual(r, np.nan_to_num(r.tracked.positions)).shape[visible])
-    correlated = np.sqrt(np.maximum(sum(products), 0.0) / np.maximum(sum(pairs), 1))
+    count = sum(pairs)
+    correlated = np.sqrt(np.maximum(sum(products), 0.0) / np.maximum(count, 1))
     noises = [n for n in map(track_noise, recordings) if np.isfinite(n)]
     noise = float(np.median(noises)) if noises else 0.0
     return ModelCheck(
         recordings[0].tracked.names,
-        correlated.reshape(2, -1),
+        np.where(count > 0, correlated, np.nan).reshape(2, -1),
         noise,
         root_mean(np.concatenate(squares)),
         max(config.min_limit, config.noise_share * noise + chance),

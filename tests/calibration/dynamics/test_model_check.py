@@ -93,6 +93,36 @@ def test_a_film_of_which_nothing_is_left_says_nothing_about_noise(recording: Rec
     assert found.noise == pytest.approx(track_noise(recording))
 
 
+def test_a_robot_that_blows_up_is_worse_than_every_other(recording: Recording) -> None:
+    """In the held-out cycle it fails the test, and the model that is merely wrong wins."""
+    film = recording.tracked.positions
+    blown = film.copy()
+    blown[recording.tracked.times > recording.end - recording.period / 4] = np.nan
+    wrong = film - 5e-3 * np.sin(recording.tracked.times)[:, None, None] * np.ones((5, 2))
+    lost, off = (check_model([recording], [x]) for x in (blown, wrong))
+    assert lost.rms > 10 * off.rms and lost.unexplained > 10 * off.unexplained > 10 * off.limit
+    z, exact = np.zeros(1), check_model([recording], [film])
+    fit = DynamicsFit(("hot_length",), z, np.eye(1), (1e-4, 1e-4), (1e-4, 1e-4), 1.0, 1, z, exact)
+    assert CandidateModel(SOFT, fit, lost).verdict is FitVerdict.WRONG
+    assert all(np.isfinite(v) for both in lost.entries()["marks"].values() for v in both.values())
+
+
+def test_a_marker_that_was_never_seen_is_no_perfect_one(recording: Recording) -> None:
+    """Residuals of the markers that were seen are no smaller because others were covered."""
+    t, rng = recording.tracked.times, np.random.default_rng(5)
+    wave = 0.05e-3 * np.sqrt(2) * np.sin(t)[:, None] * np.array([-1, 1, -1, 1, 0])
+    positions = np.stack([wave, wave], axis=-1) + 0.1e-3 * rng.standard_normal((len(t), 5, 2))
+    positions[:, [0, 1, 4]] = np.nan
+    once = positions.copy()
+    once[7, 0] = 0.0
+    still = [np.zeros_like(positions)]
+    covered, glimpsed = (replace(recording.tracked, positions=x) for x in (positions, once))
+    few, seldom = (check_model([replace(recording, tracked=x)], still) for x in (covered, glimpsed))
+    assert few.unexplained == pytest.approx(0.05e-3, rel=0.05) and not within_noise(few)
+    assert list(few.entries()["marks"]) == ["m3", "m4"] and np.isnan(few.correlated[:, 0]).all()
+    assert list(seldom.entries()["marks"]) == ["m3", "m4"], "residuals of a single frame have no neighbours"
+
+
 def test_a_model_that_does_not_fit_knows_nothing(recording: Recording, scene: PrintedScene) -> None:
     """However narrow the curvature: an interval reaches back to where the parameter was moved from."""
     left = 0.5e-3 * np.sin(recording.tracked.times)[:, None, None] * np.ones((5, 2))
