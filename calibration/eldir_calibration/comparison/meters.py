@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -27,11 +28,29 @@ class MeterReadings(NamedTuple):
     voltage_v: float
     """Across a spring, without its leads [V]; half of that across two in series."""
     current_error: float
-    """Largest relative error of the current, by the sensor's data sheet and its shunts."""
+    """Largest relative error of the mean current, by the sensor's data sheet and its shunts."""
     voltage_error: float
     """Largest relative error of the voltage."""
     pulses: int
     """Pulses in which a spring was measured."""
+    current_spread: float = 0.0
+    """Largest relative difference of a measured spring's current from the mean. 0 where the sensor's errors
+    alone may be the reason, because `current_error` has them already: half of the range is within them."""
+    measured_springs: int = 1
+    """Number of springs of which these are the means."""
+    heated_springs: int = 1
+    """Number of springs that were heated, measured or not; with `hot`, of those that got hot."""
+
+    @property
+    def spring_error(self) -> float:
+        """Largest relative error of the mean current, taken as that of any measured spring."""
+        return math.hypot(self.current_error, self.current_spread)
+
+    @property
+    def partial(self) -> str:
+        """How many of the springs were measured, such as " in 3 of 4 springs"; empty if all were."""
+        measured, heated = self.measured_springs, self.heated_springs
+        return "" if measured == heated else f" in {measured} of {heated} springs"
 
     @property
     def error(self) -> float:
@@ -48,10 +67,14 @@ def read_meters(runs: Sequence[tuple[RunLog, Rig]], *, hot: bool) -> MeterReadin
     was off.
     """
     means: dict[tuple[int, str], list[tuple[float, float]]] = {}
+    heated = set()
     current_errors, voltage_errors, pulses = [], [], 0
     for log, rig in runs:
         for column, (counts, count) in _find_measurements(log, rig, hot).items():
             place = (rig.channels[column].spring, rig.channels[column].face)
+            heated.add(place)
+            if not counts.any():
+                continue
             amperes, volts = (float(values[counts, column].mean()) for values in (log.currents, log.voltages))
             means.setdefault(place, []).append((amperes, volts / rig.springs_per_channel))
             assert rig.sensor is not None  # it measured
@@ -62,12 +85,32 @@ def read_meters(runs: Sequence[tuple[RunLog, Rig]], *, hot: bool) -> MeterReadin
             pulses += count
     if not means:
         return None
-    current, voltage = np.mean([np.mean(found, axis=0) for found in means.values()], axis=0)
-    return MeterReadings(float(current), float(voltage), max(current_errors), max(voltage_errors), pulses)
+    springs = np.array([np.mean(found, axis=0) for found in means.values()])
+    current, voltage = np.mean(springs, axis=0)
+    return MeterReadings(
+        float(current),
+        float(voltage),
+        max(current_errors),
+        max(voltage_errors),
+        pulses,
+        _relative_spread(springs[:, 0], max(current_errors)),
+        rig.springs_per_channel * len(means),
+        rig.springs_per_channel * len(heated),
+    )
+
+
+def _relative_spread(currents: FloatArray, error: float) -> float:
+    """`MeterReadings.current_spread` of the springs' currents [A], with the sensor's largest relative
+    error."""
+    mean = currents.mean()
+    if np.ptp(currents) / 2 <= error * mean:
+        return 0.0
+    return float(np.abs(currents / mean - 1).max())
 
 
 def _find_measurements(log: RunLog, rig: Rig, hot: bool) -> dict[int, tuple[BoolArray, int]]:
-    """For each spring: which measurements are of it while it heats, shape (L,), and in how many pulses."""
+    """For each heated spring: which measurements are of it while it heats, shape (L,), and in how many
+    pulses. None are of a spring that the sensor does not measure."""
     if rig.sensor is None or not len(log.current_times):
         return {}
     reports = np.searchsorted(log.relay_times, log.current_times - _TIME_TOLERANCE)
@@ -79,13 +122,13 @@ def _find_measurements(log: RunLog, rig: Rig, hot: bool) -> dict[int, tuple[Bool
     for column, channel in enumerate(channels):
         since = _closed_since(log.relay_times, log.relays[:, channel])[reports]
         counts = log.current_times - since >= _SETTLING_TIME
-        counts &= log.currents[:, column] > zero_current  # false for one that is not measured
         if hot:
             start, finish = rig.springs.austenite_start_c, rig.springs.austenite_finish_c
             counts &= log.temperatures[modelled, column] >= finish - _HOT_MARGIN * (finish - start)
         if rig.supply.outputs == "shared":
             counts &= together == 1
         if counts.any():
+            counts = counts & (log.currents[:, column] > zero_current)  # false for one that is not measured
             found[column] = (counts, len(np.unique(since[counts])))
     return found
 

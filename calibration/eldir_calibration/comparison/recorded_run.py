@@ -46,7 +46,9 @@ class MeasuredConditions:
     current_a: float | None = None
     """Mean current of the springs while they heat [A]; None if it was not measured."""
     current_error: float = 0.0
-    """Largest relative error of that current."""
+    """Largest relative error of that current, as that of any measured spring."""
+    partial: str = ""
+    """How many of the heated springs were measured (`MeterReadings.partial`); empty: all."""
 
     def apply(
         self, robot: RobotParameters, tolerances: RigTolerances
@@ -60,7 +62,8 @@ class MeasuredConditions:
             current = PARAMETERS["current"]
             change = math.log(self.current_a / float(springs.current(0.0)))
             springs = current.at(springs, change / current.spread)
-            tolerances = replace(tolerances, current=min(tolerances.current, self.current_error))
+            if not self.partial:  # an output that was not measured may differ as the rig file says
+                tolerances = replace(tolerances, current=min(tolerances.current, self.current_error))
         return replace(robot, springs=springs), tolerances
 
     def __str__(self) -> str:
@@ -68,7 +71,7 @@ class MeasuredConditions:
         if self.room_c is not None:
             found.append(f"air {self.room_c:g} C")
         if self.current_a is not None:
-            found.append(f"current {self.current_a:.2f} A (within {self.current_error:.1%})")
+            found.append(f"current {self.current_a:.2f} A{self.partial} (within {self.current_error:.1%})")
         return ", ".join(found) or "neither air nor current"
 
 
@@ -216,7 +219,7 @@ def _measured_conditions(log: RunLog, rig: Rig) -> MeasuredConditions:
     readings = None if rig.supply.outputs == "shared" else read_meters([(log, rig)], hot=False)
     if readings is None:
         return found
-    return replace(found, current_a=readings.current_a, current_error=readings.current_error)
+    return MeasuredConditions(log.room_c, readings.current_a, readings.spring_error, readings.partial)
 
 
 def open_run(path: Path, design: Design) -> LoggedRun:

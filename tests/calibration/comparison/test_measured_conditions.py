@@ -10,6 +10,7 @@ import pytest
 from eldir.built.gait import Gait
 from eldir.built.samples import NominalRobots
 from eldir.lattice import Lattice
+from eldir_calibration.comparison import recorded_run
 from eldir_calibration.comparison.predictions import predict_runs
 from eldir_calibration.comparison.recorded_run import LoggedRun, MeasuredConditions, read_run
 from eldir_hardware.planning.compiler import compile_schedule
@@ -68,6 +69,37 @@ def test_predictions_take_them(run: LoggedRun) -> None:
         samples = NominalRobots(run.design.morphology, robot, tolerances=tolerances).samples(60, 1)
         spreads.append(np.std([(r.springs.ambient, r.springs.current_limit) for r in samples], axis=0))
     assert (spreads[0] < spreads[1] / 2).all(), spreads
+
+
+@pytest.mark.parametrize(
+    ("amperes", "current", "told"),
+    [
+        ([3.6, 3.6, 3.6, 3.6], 3.6, "current 3.60 A (within 1.1%)"),
+        ([3.57, 3.57, 3.57, 3.63], 3.585, "current 3.58 A (within 1.1%)"),
+        ([3.4, 3.8, 3.4, 3.8], 3.6, "current 3.60 A (within 5.7%)"),
+        ([3.4, 3.4, 3.4, 3.6], 3.45, "current 3.45 A (within 4.5%)"),
+        ([3.6, 3.6, np.nan, 3.6], 3.6, "current 3.60 A in 3 of 4 springs (within 1.1%)"),
+        ([3.4, np.nan, np.nan, 3.8], 3.6, "current 3.60 A in 2 of 4 springs (within 5.7%)"),
+    ],
+)
+def test_a_current_is_told_as_far_as_it_is_that_of_all_springs(
+    run: LoggedRun, monkeypatch: pytest.MonkeyPatch, amperes: list[float], current: float, told: str
+) -> None:
+    """Of unlike springs the spread counts, where the sensor's error of 1.14 % does not explain it: the root
+    sum of squares of that and of the largest difference from the mean. Springs that were not measured keep
+    the rig file's tolerance."""
+    on = run.log.currents > 1.0
+    log = replace(run.log, currents=np.where(on, np.broadcast_to(amperes, on.shape), run.log.currents))
+    monkeypatch.setattr(recorded_run, "read_log", lambda path: log)
+    measured = read_run(run.log.path).measured
+    assert measured.current_a == pytest.approx(current) and str(measured).endswith(told)
+    known = np.array([a for a in amperes if a > 0])
+    spread = np.abs(known / current - 1).max()
+    expected = 0.0114 if spread < 0.02 else np.hypot(0.0114, spread)
+    assert measured.current_error == pytest.approx(expected, rel=0.02)
+    assumed = run.rig.spring_tolerances().current
+    _, left = replace(run, measured=measured).nominal
+    assert left.current == (min(assumed, measured.current_error) if len(known) == 4 else assumed)
 
 
 def test_air_outside_of_the_tolerances_is_refused(run: LoggedRun, tmp_path: Path) -> None:

@@ -65,6 +65,8 @@ def test_currents_come_back_from_a_log(tmp_path):
         assert on.any() and log.currents[on, column] == pytest.approx(limit, rel=0.02)
         assert np.abs(log.currents[~on, column]).max() < 0.01
         assert log.voltages[on, column] == pytest.approx(limit * 0.987, rel=0.06)
+    found = read_meters([(log, rig)], hot=False)
+    assert found.partial == " in 3 of 4 springs", "the contact of the fourth one was closed, too"
     with AnyReader([path]) as reader:
         kinds = {c.topic: c.msgtype for c in reader.connections}
     assert kinds["/currents"] == kinds["/voltages"] == "control_msgs/msg/DynamicJointState"
@@ -125,6 +127,7 @@ def test_readings_are_those_of_the_hidden_springs(tmp_path, kind):
     assert volts != pytest.approx(rig.supply.current_limit_a * 0.987, rel=0.002), (
         "the springs are not the nominal ones"
     )
+    assert not found.partial and found.spring_error == found.current_error, "the sensor explains the spread"
     assert found.pulses == 4 and 0.006 < found.error < 0.012
     shared = rig.model_copy(update={"supply": rig.supply.model_copy(update={"outputs": "shared"})})
     assert read_meters([(log, shared)], hot=True) is None, "two faces heat together"

@@ -124,7 +124,7 @@ def _film_lines(films: RobotFilms, current: float | None, voltage: float | None)
         unused = f"; not used: {' and '.join(given)}, given as options" if given else ""
         yield (
             f"measured in the logs: {readings.current_a:.3f} A and {readings.voltage_v:.3f} V at hot "
-            f"springs, {readings.pulses} pulses, known to {readings.error:.1%}{unused}"
+            f"springs{readings.partial}, {readings.pulses} pulses, known to {readings.error:.1%}{unused}"
         )
     for gait in films.filmed_gaits:
         yield f"filmed in {gait.log}: {gait.summary}"
