@@ -8,18 +8,20 @@ ends of a motor mostly carry no markers.
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
 from eldir.built.heat import HeatModel
 from eldir.built.robot import build
-from eldir.core.records import FloatArray
+from eldir.core.records import FloatArray, IntArray
 from eldir.parameters.springs import SpringParameters
 from eldir.parameters.tolerances import RigTolerances
 from eldir_calibration.adaptation.films import in_room
 from eldir_calibration.adaptation.heat import SURE, believe_heat, find_safe_current, spring_strokes
 from eldir_calibration.adaptation.runs import Fault
 from eldir_calibration.dynamics.belief import Belief
+from eldir_calibration.dynamics.configuration import DEFAULT_CONFIG
 from eldir_calibration.dynamics.recording import INTERVAL, FilmedBody, Recording, find_any_fall, moves
 from eldir_calibration.identification.identification import RobotFilms
 from eldir_calibration.report.comparison import PHASE_SAMPLES, Motion
@@ -167,7 +169,7 @@ def _find_stuck_feet(number: int, body: FilmedBody, recording: Recording) -> tup
     feet = np.flatnonzero(heights[body.marker_masses] <= heights.min() + _GROUND)
     inside = (recording.tracked.times >= recording.start) & (recording.tracked.times <= recording.end)
     forward = recording.tracked.positions[inside][:, feet, 0]
-    if not len(feet) or not np.isfinite(forward).any(axis=0).all():
+    if not len(feet) or not _are_visible(recording, feet):
         return ()
     moved = np.nanpercentile(forward, 97.5, axis=0) - np.nanpercentile(forward, 2.5, axis=0)
     shape = float(np.sqrt(np.mean(_mean_shape(motion) ** 2)))
@@ -182,6 +184,14 @@ def _find_stuck_feet(number: int, body: FilmedBody, recording: Recording) -> tup
             "clean the feet and the table, look for a foot that is caught, or lay another surface",
         ),
     )
+
+
+def _are_visible(recording: Recording, markers: IntArray) -> bool:
+    """Whether each of these markers was seen in enough frames of every cycle that counts."""
+    t, seen = recording.tracked.times, np.isfinite(recording.tracked.positions[:, markers, 0])
+    ends = recording.start + recording.period * np.arange(recording.cycles + 1)
+    cycles = [seen[(t >= a) & (t <= b)] for a, b in pairwise(ends)]
+    return all(len(c) and c.mean(axis=0).min() >= DEFAULT_CONFIG.min_visible_share for c in cycles)
 
 
 def explained_share(

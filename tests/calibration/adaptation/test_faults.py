@@ -164,6 +164,19 @@ def test_a_foot_that_stays_in_its_place_is_stuck_if_the_springs_move() -> None:
     assert kinds(moved(film(0, 1), still), believed(BOTH_WORK)) == ["cold"], "no foot can slip"
 
 
+@pytest.mark.parametrize(
+    ("share", "found"), [(0.1, []), (0.4, []), (0.6, ["stuck"])], ids=["a glimpse", "less than half", "more"]
+)
+def test_of_a_foot_that_was_hardly_seen_nothing_is_told(share: float, found: list[str]) -> None:
+    """A foot that was covered for most of a cycle may have moved meanwhile."""
+    positions, times = film(0, 1).tracked.positions.copy(), film(0, 1).tracked.times
+    foot = int(walker().morphology.positions[walker().marker_masses, 1].argmin())
+    positions[..., 0] -= positions[:, foot : foot + 1, 0]
+    whole = film(0, 1)
+    positions[times > whole.start + (1 + share) * whole.period, foot] = np.nan
+    assert kinds(moved(whole, positions), believed(BOTH_WORK)) == found
+
+
 def test_a_fall_is_told_with_its_time() -> None:
     positions, times = film(0, 1).tracked.positions.copy(), film(0, 1).tracked.times
     c, s = np.cos(1.2), np.sin(1.2)
