@@ -18,8 +18,7 @@ from eldir.errors import EldirError, InputError
 from eldir_calibration.comparison.predictions import predict_walk
 from eldir_calibration.comparison.recorded_run import MeasuredConditions, RecordedRun, read_run
 from eldir_hardware.log.following import LogFollower
-from eldir_hardware.log.messages import ROOM
-from eldir_hardware.log.reader import read_attachment
+from eldir_hardware.log.reader import read_attachment, read_room
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.schedule import ActuationSchedule
 
@@ -48,8 +47,7 @@ def _read_run(path: Path) -> RecordedRun:
         rig = read_attachment(log.attachments, path, "rig.yaml", Rig.from_json)
         if design is None or schedule is None or rig is None:
             raise InputError(f"{path} has no design, schedule or rig file", code="log.not-attached")
-        room = log.facts.get(ROOM)
-        measured = MeasuredConditions(room_c=None if room is None else float(room))
+        measured = MeasuredConditions(room_c=read_room(path, log.facts))
         return RecordedRun(design, schedule, rig, measured)
 
 

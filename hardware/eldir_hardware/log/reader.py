@@ -123,7 +123,7 @@ def read_log(path: Path | str) -> RunLog:
         epoch_ns=epoch,
         recovered=contents.metadata.get("recovered"),
         is_dry_run=is_dry_run(contents.metadata, epoch, contents.attachments.get("rig.yaml", b"")),
-        room_c=_room(path, contents.metadata.get(m.ROOM)),
+        room_c=read_room(path, contents.metadata),
         current_times=_times(currents, epoch),
         currents=_values(currents, springs),
         voltages=_values(rows.get(m.VOLTAGES, []), springs),
@@ -140,7 +140,10 @@ def is_dry_run(metadata: Mapping[str, str], epoch_ns: int | None, rig: bytes) ->
     return False
 
 
-def _room(path: Path, text: str | None) -> float | None:
+def read_room(path: Path, facts: Mapping[str, str]) -> float | None:
+    """The temperature of the room [C] among the facts of a log; None if it was not measured. Raises
+    `InputError` for one that is no number."""
+    text = facts.get(m.ROOM)
     try:
         room = None if text is None else float(text)
     except ValueError:

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from eldir.errors import EldirError
+from eldir.errors import EldirError, InputError
 from eldir_hardware.images import jpeg
 from eldir_hardware.log import background
 from eldir_hardware.log.background import CLOSING_DELAY, RunRecording
-from eldir_hardware.log.reader import read_log
+from eldir_hardware.log.reader import read_log, read_room
 from eldir_hardware.log.recorder import Recorder
 from tests.hardware.log.log_contents import EPOCH, NAMES, POSITIONS, picture
 from tests.raised import raises
@@ -52,6 +52,13 @@ def test_what_was_measured_of_the_air_is_kept_as_by_rig_drive(path):
     log = read_log(path)
     assert log.room_c == 21.4375
     assert log.statuses[0] == (0.0, "room", "the air was measured before the run: 21.4375 C")
+
+
+@pytest.mark.parametrize("text", ["warm", "nan", "inf", ""])
+def test_a_room_that_is_no_temperature_is_a_damaged_log(path, text):
+    assert read_room(path, {}) is None and read_room(path, {"room_c": "21.5"}) == 21.5
+    with raises(InputError, "file.damaged", match="a temperature of the room"):
+        read_room(path, {"room_c": text})
 
 
 def test_only_what_belongs_to_the_run_is_written(path):
