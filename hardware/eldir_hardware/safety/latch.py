@@ -103,12 +103,18 @@ def latch_for_driving(
     shared: Path = SHARED_FOLDER,
     sensor: BoardIdentity | None = None,
 ) -> None:
-    """Record the board before it is driven, so that a guardian that dies leaves a stop behind."""
+    """Record the board before it is driven, so that a guardian that dies leaves a stop behind.
+
+    Raises `LatchedError` for a stop since `require_unlatched`, which is kept, and `EldirError`.
+    """
     identity = identify(port)
     record = BoardRecord(identity, str(port), GUARDIAN_DIED, _now(), kind, channels, rig, sensor=sensor)
     try:
         with open_state_folder(shared, exclusive=True) as folder:
             remove_vanished(folder)
+            for other in _read_all(folder)[0].values():
+                if other.stop != GUARDIAN_DIED and other.identity.is_same_board(identity):
+                    raise latched_error(port, other.stop)
             _write_record(folder, record_file_name(identity), record)
     except (OSError, StateError) as error:
         raise EldirError(

@@ -108,6 +108,15 @@ def test_nothing_arms_while_a_stop_is_latched(wires):
     assert controller.told == ["beat"]
 
 
+def test_a_stop_while_it_arms_is_kept(wires, monkeypatch):
+    """Of another user, who cannot signal this process, while the board is asked for its limits."""
+    controller = RecordingController()
+    monkeypatch.setattr(controller, "check_limits", lambda: latch(PORT, "anna stopped it"))
+    with pytest.raises(LatchedError, match="anna stopped it"):
+        served(wires, {"command": "arm"}, controller=controller)
+    assert controller.told == ["beat"] and find_record(PORT).stop == "anna stopped it"
+
+
 def test_pulses(wires):
     controller = served(
         wires,

@@ -264,6 +264,7 @@ def test_two_programs_that_latch_a_board_at_once_lose_nothing():
             assert [one.result() for one in done] == [None, None]
             record = find_record(board.port)
             assert record.opened is not None and record.stop in ("off", "ended")
+            unlatch(board.port)
 
 
 def test_a_program_that_stands_still_while_it_writes_holds_up_no_stop(folder):
