@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import threading
+import time
+from functools import partial
 from pathlib import Path
 
 from eldir.errors import EldirError, InputError, report
 from eldir_hardware.relay.errors import NotProvenOffError
 from eldir_hardware.rig._board_hints import read_board_hints
+from eldir_hardware.rig.board_identity import BoardIdentity
+from eldir_hardware.rig.port_holder import find_holder
 from eldir_hardware.safety.off_targets import OffTarget, find_off_targets
 from eldir_hardware.safety.stop_signals import StopSignals
-from eldir_hardware.safety.switch_off import OffResult, switch_off
+from eldir_hardware.safety.switch_off import POLL_INTERVAL, PORT_TIMEOUT, OffResult, switch_off
 
 _OPTION_INDEX = {"--rig": 0, "--port": 1, "--board": 2}
 _CUT_SUPPLY = "cut the heating supply now"
@@ -68,12 +72,13 @@ def _run_off(rig_file: Path | None, port: str | None, board: str | None) -> int:
         )
     for outcome in outcomes:
         print(f"{outcome.port}: {outcome.report}")
+    flowing = [] if is_virtual else _print_currents(rig_file, targets)  # its sensor ends with its program
     if failed:
         raise hazard
-    if is_virtual:  # its emulated board ends with its program
+    if flowing:
+        raise flowing[0]
+    if is_virtual:
         return 0
-    if rig_file is not None and read_board_hints(rig_file).sensor:
-        _print_current(rig_file, targets)
     print(f"to allow heating again: eldir rig reset --rig {rig_file or 'RIG'}")
     return 0
 
@@ -97,19 +102,40 @@ def _require_no_virtual_run() -> None:
         )
 
 
-def _print_current(rig_file: Path, targets: list[OffTarget]) -> None:
-    """Print the reading of the current sensor: that of the run, else that of the rig file. Raises
-    `EldirError` if current flows."""
+def _print_currents(rig_file: Path | None, targets: list[OffTarget]) -> list[EldirError]:
+    """Print what the current sensors of the runs measure, or else that of the rig file. Returns an error for
+    each rig in which current flows; it is printed too."""
+    recorded = [t.record for t in targets if t.record is not None and t.record.sensor is not None]
+    has_sensor = rig_file is not None and read_board_hints(rig_file).sensor
+    if not any(record.sensor_entries for record in recorded) and not has_sensor:
+        return []
     from eldir_hardware.guardian.measured_heat import CurrentFlowsError, require_no_current
     from eldir_hardware.rig.configuration import Rig
 
-    try:
-        sensors = (t.record.sensor for t in targets if t.record and t.record.sensor)
-        print(require_no_current(Rig.load(rig_file), next(sensors, None)))
-    except CurrentFlowsError:
-        raise
-    except EldirError as error:
-        print(f"note: no current was measured: {error}")
+    measured = [(partial(Rig.from_json, r.sensor_entries), r.sensor) for r in recorded if r.sensor_entries]
+    if rig_file is not None and not measured:
+        measured = [(partial(Rig.load, rig_file), next((r.sensor for r in recorded), None))]
+    flowing: list[EldirError] = []
+    for load, sensor in measured:
+        _wait_until_free(sensor)
+        try:
+            rig = load()
+            if reading := require_no_current(rig, sensor):
+                print(f"{rig.name}: {reading}")
+        except CurrentFlowsError as error:
+            error.add_note(f"measured by the sensor of {rig.name}")
+            report(error)
+            flowing.append(error)
+        except EldirError as error:
+            print(f"note: no current was measured: {error}")
+    return flowing
+
+
+def _wait_until_free(sensor: BoardIdentity | None) -> None:
+    """Wait while a program measures with it: one whose guardian was killed does so too."""
+    deadline = time.monotonic() + PORT_TIMEOUT
+    while sensor is not None and find_holder(sensor) is not None and time.monotonic() < deadline:
+        time.sleep(POLL_INTERVAL)
 
 
 def _switch_off_in_parallel(targets: list[OffTarget]) -> list[OffResult]:

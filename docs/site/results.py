@@ -22,7 +22,7 @@ class Board(latch.BoardRecord, FileRecord):
     """A relay board that is driven or stopped, in the state folder."""
 
     FORMAT = latch.FORMAT
-    OPTIONAL = frozenset({"sensor"})
+    OPTIONAL = frozenset({"sensor", "sensor_entries"})
 
 
 @record

@@ -24,7 +24,7 @@ from eldir.errors import EldirError, print_line
 from eldir_hardware.clock import EMULATED_PATIENCE, WallClock
 from eldir_hardware.guardian._connection import GuardianConnection
 from eldir_hardware.guardian.bank import Report, describe_reason
-from eldir_hardware.guardian.measured_heat import CurrentFlowsError
+from eldir_hardware.guardian.measured_heat import CurrentFlowsError, sensor_entries
 from eldir_hardware.guardian.pulse_controller import Host, KeepaliveError, PulseController
 from eldir_hardware.realtime import GUARDIAN, request_realtime_priority
 from eldir_hardware.relay.errors import NotProvenOffError
@@ -122,7 +122,14 @@ class _Session:
                 require_unlatched(self._port)
                 board = self._rig.board
                 self._controller.check_limits()  # before the latch: a refusal is no stop
-                latch_for_driving(self._port, board.kind, board.channels, self._rig.name, sensor=self._sensor)
+                latch_for_driving(
+                    self._port,
+                    board.kind,
+                    board.channels,
+                    self._rig.name,
+                    sensor=self._sensor,
+                    sensor_entries=sensor_entries(self._rig),
+                )
                 self._arm()
                 _logger.info("armed: everything is proven off")
                 self._connection.send(event="armed", ready_at=self._controller.ready_at)

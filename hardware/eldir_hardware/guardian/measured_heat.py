@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from eldir.errors import EldirError, HazardError
 from eldir_hardware.clock import Clock, WallClock
@@ -26,6 +26,7 @@ CURRENT_SETTLING = 0.2
 """Longest time from closing a contact until the current of a limited supply has settled [s]."""
 _MIN_SUPPLY_PART = 0.25  # voltages below this part of the supply's are drops along shared leads
 _MAX_VOLTAGE_FACTOR = 1.1  # a supply may be set higher than the rig file says by this factor
+_SENSOR_ENTRIES = {"format", "name", "kind", "board", "channels", "supply", "springs", "tolerances", "sensor"}
 _MAX_UNMEASURED = 0.6  # measurements are postponed for switchings for this time at most [s]
 
 
@@ -112,6 +113,16 @@ def require_no_current(
         f"the sensor shows no current in {_name_channels(measured.currents)} (at most {1e3 * most:.0f} mA), "
         "but outside a run it is unknown whether the supply is on, so this alone proves nothing",
     )
+
+
+def sensor_entries(rig: Rig) -> dict[str, Any] | None:
+    """The entries of the rig file that `require_no_current` needs, as a rig file without the others.
+
+    None if no sensor outlasts the run: without one, and on a virtual rig.
+    """
+    if rig.sensor is None or rig.kind == "virtual":
+        return None
+    return rig.model_dump(mode="json", include=_SENSOR_ENTRIES)
 
 
 def supplied_channels(rig: Rig, closed: Sequence[bool], currents: Mapping[int, float]) -> set[int]:

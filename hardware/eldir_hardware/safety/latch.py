@@ -70,6 +70,8 @@ class BoardRecord:
     """When every contact was last proven open, since the computer started [s]; null if it was not."""
     sensor: BoardIdentity | None = None
     """Current sensor of the run, the only one whose measurement counts for it; null without one."""
+    sensor_entries: dict[str, Any] | None = None
+    """Entries of the rig file with which that sensor measures, also without the file; null if unknown."""
 
 
 def uptime() -> float:
@@ -102,13 +104,24 @@ def latch_for_driving(
     rig: str,
     shared: Path = SHARED_FOLDER,
     sensor: BoardIdentity | None = None,
+    sensor_entries: dict[str, Any] | None = None,
 ) -> None:
     """Record the board before it is driven, so that a guardian that dies leaves a stop behind.
 
     Raises `LatchedError` for a stop since `require_unlatched`, which is kept, and `EldirError`.
     """
     identity = identify(port)
-    record = BoardRecord(identity, str(port), GUARDIAN_DIED, _now(), kind, channels, rig, sensor=sensor)
+    record = BoardRecord(
+        identity,
+        str(port),
+        GUARDIAN_DIED,
+        _now(),
+        kind,
+        channels,
+        rig,
+        sensor=sensor,
+        sensor_entries=sensor_entries,
+    )
     try:
         with open_state_folder(shared, exclusive=True) as folder:
             remove_vanished(folder)
@@ -288,6 +301,8 @@ def _parse_record(data: bytes) -> BoardRecord:
         raise ValueError("an entry is not a text")
     if not isinstance(record.channels, int | None) or not isinstance(record.opened, int | float | None):
         raise ValueError("an entry is not a number")
+    if not isinstance(record.sensor_entries, dict | None):
+        raise ValueError("the entries of the sensor are not an object")
     return record
 
 

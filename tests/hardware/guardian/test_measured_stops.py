@@ -1,21 +1,27 @@
 """Stops that do not come from a living guardian: the current sensor is asked there too."""
 
+import json
 import os
 import signal
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import pytest
 
 from eldir.errors import EldirError
+from eldir_app import emergency_stop
 from eldir_hardware.current_sensor import SensorError
 from eldir_hardware.guardian.bank import Report
 from eldir_hardware.guardian.client import Guardian
 from eldir_hardware.guardian.measured_heat import CurrentFlowsError
+from eldir_hardware.rig.board_identity import Port
 from eldir_hardware.rig.configuration import Rig
-from eldir_hardware.safety.latch import read_stop
+from eldir_hardware.rig.devices import open_sensor
+from eldir_hardware.rig.port_holder import GuardedPort, Holder, find_holder, list_guarded_ports
+from eldir_hardware.safety import off_targets
+from eldir_hardware.safety.latch import find_record, read_stop
 from eldir_hardware.virtual.rig import VirtualRig
 from tests.hardware.emulated_rigs import rig_file, run
 from tests.hardware.rigs_and_schedules import rig_with
@@ -68,6 +74,60 @@ def test_off_and_reset_find_a_welded_contact(tmp_path):
             assert "the sensor shows no current in channels 1 to 4 (at most" in result.output
             assert "so this alone proves nothing" in result.output
         assert read_stop(virtual.emulator.port) is None
+
+
+@contextmanager
+def heating_channel_2(path: Path, monkeypatch) -> Iterator[Guardian]:
+    """A real guardian that heats it; `eldir rig off` without a port finds no guardian of other programs."""
+    with Guardian(Rig.load(path)) as bank, bank.armed():
+
+        def own() -> list[GuardedPort]:
+            return [g for g in list_guarded_ports() if g.process == bank.process]
+
+        monkeypatch.setattr(off_targets, "list_guarded_ports", own)
+        bank.heat(time.monotonic() + 0.3, {2: 4.0})
+        bank.wait_until(time.monotonic() + 0.8, ignore)
+        yield bank
+
+
+@pytest.mark.parametrize("names_port", [False, True])
+def test_off_without_a_rig_file_measures_with_the_sensor_of_the_run(tmp_path, monkeypatch, names_port):
+    """Also later, when no guardian lives that could tell what it has measured."""
+    with bench(tmp_path) as (virtual, path):
+        words = ["off", *(["--port", virtual.emulator.port] if names_port else [])]
+        with pytest.raises(CurrentFlowsError), heating_channel_2(path, monkeypatch) as bank:
+            virtual.emulator.faults.welded.add(2)
+            stopped = run(*words)
+            size = len(json.dumps(find_record(virtual.emulator.port).sensor_entries))
+            assert size < 8192, "of the 65536 bytes that are read of a record"
+            bank.wait_until(time.monotonic() + 2.0, ignore)
+        later = run(*words)
+        for result in (stopped, later):
+            assert result.exit_code == 1
+            assert "current flows in channel 2" in str(result.exception)
+            assert "cut the heating supply now" in str(result.exception)
+        weld(virtual, 2, False)
+        result = run(*words)
+        assert result.exit_code == 0, result.exception
+        assert "the sensor shows no current in channels 1 to 4 (at most" in result.output
+
+
+def test_off_waits_for_a_program_that_measures_with_the_sensor(tmp_path, monkeypatch):
+    """Such as the one that heated, after its guardian was killed."""
+    with bench(tmp_path) as (virtual, path):
+        with pytest.raises(CurrentFlowsError), heating_channel_2(path, monkeypatch):
+            virtual.emulator.faults.welded.add(2)
+        with ExitStack() as program:
+            program.enter_context(open_sensor(Rig.load(path)))
+
+            def find_and_end(port: Port) -> Holder | None:
+                holder = find_holder(port)
+                program.close()
+                return holder
+
+            monkeypatch.setattr(emergency_stop, "find_holder", find_and_end)
+            result = run("off", "--port", virtual.emulator.port)
+        assert result.exit_code == 1 and "current flows in channel 2" in str(result.exception)
 
 
 def test_off_does_not_need_the_sensor_and_reset_does(tmp_path):

@@ -60,6 +60,7 @@ def write(path: Path, values: object) -> None:
         {"rig": 1},
         {"channels": "4"},
         {"opened": "12.5"},
+        {"sensor_entries": "ina226"},
         {"identity": {"name": None, "marks": []}},
         {"identity": {"name": "/dev/ttyUSB70", "marks": [1]}},
         {"more": 1},
@@ -77,7 +78,9 @@ def test_one_wrong_value_makes_a_record_wrong(change, folder):
 
 
 def test_values_that_may_be_missing(folder):
-    write(folder / "board-0.json", GOOD | dict.fromkeys(("kind", "channels", "rig", "opened")))
+    write(
+        folder / "board-0.json", GOOD | dict.fromkeys(("kind", "channels", "rig", "opened", "sensor_entries"))
+    )
     assert not read_records()[1] and read_stop("/dev/ttyUSB70") == "too hot"
 
 
