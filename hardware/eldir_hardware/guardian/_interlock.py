@@ -38,7 +38,10 @@ class Interlock:
         welded = [worst] if rig.master_channel is not None else []
         nominal = rig.spring_parameters()
         self._springs = [nominal] * count + [worst] * count + welded
-        self._model = HeatModel(self._springs)
+        self._fan_air = self._still_air = HeatModel(self._springs)
+        if worst.fan:  # limits count on it
+            self._still_air = HeatModel([replace(p, fan=False) for p in self._springs])
+        self._model = self._fan_air  # cold springs do not cool
         self._state = SpringState(
             np.array([nominal.ambient] * count + [worst.ambient] * (count + len(welded))),
             np.ones(2 * count + len(welded)),
@@ -60,6 +63,7 @@ class Interlock:
         if before:
             self._no_heat_yet = True
             self._restore(before, now)
+            self._model = self._still_air
 
     def _restore(self, before: Springs, now: float) -> None:
         """Begin with the springs of the previous run, cooled until `now` without a fan, which was off."""
@@ -113,8 +117,14 @@ class Interlock:
             channel: heat.aged_by(now - self._began) for channel, heat in self._other_springs.items()
         } | own
 
+    def record_fan(self, blows: bool, now: float) -> None:
+        """Record that a fan is known to blow from `now` on, or is not."""
+        if self._still_air is not self._fan_air:
+            self.record_switching({}, now)
+            self._model = self._fan_air if blows else self._still_air
+
     def rest_time(self, now: float) -> float:
-        """Time until the springs have rested and cooled [s]."""
+        """Time until the springs have rested, and cooled in the air of the fan, if there is one [s]."""
         self._advance_model(now, self._reported, self._reported)
         least = self._rig.limits.min_off_s
         rest = max((at + least - now for at in self._opened_at.values()), default=0.0)
@@ -133,7 +143,7 @@ class Interlock:
 
     def _cooling_time(self) -> float:
         """Time until each spring is near the air's temperature, if nothing heats [s]."""
-        return float(self._model.cooling_time(self._state, _COOL_DIFFERENCE).max())
+        return float(self._fan_air.cooling_time(self._state, _COOL_DIFFERENCE).max())
 
     @property
     def temperatures(self) -> tuple[float, ...]:

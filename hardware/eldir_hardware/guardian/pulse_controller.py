@@ -134,6 +134,7 @@ class PulseController(HeaterBank):
         if (fan := self._rig.fan_channel) is not None:
             self._board.switch({fan: True})
         now = self._clock.now()
+        self._interlock.record_fan(True, now)
         self.ready_at = now + self._interlock.rest_time(now)
         self._armed = self.armed_once = True
         self._next_step_at = self._clock.now()
@@ -184,6 +185,7 @@ class PulseController(HeaterBank):
         if self._armed:
             self._switch_off()
             self._read_back()
+            self._interlock.record_fan(False, self._clock.now())  # a fan without a relay may stop now
 
     def stop(self, reason: str) -> None:
         if self._stop_reason is None:
@@ -376,7 +378,10 @@ class PulseController(HeaterBank):
         self._armed = False
         closed, self._pulses = dict.fromkeys(self._pulses, False), {}
         self.proof = BOARD_PROOF
+        began = self._clock.now()
         self._board.all_off()
+        if self._rig.fan_channel is not None:
+            self._interlock.record_fan(False, began)
         self._interlock.record_switching(closed, self._clock.now())
         self._currents.record_switching(closed)
         if measured := self._currents.prove_no_current():

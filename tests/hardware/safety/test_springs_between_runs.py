@@ -94,6 +94,7 @@ def test_rest_and_heat_are_those_of_the_instant():
     """The last opening of any channel counts, and springs cool meanwhile."""
     hot = SpringHeat((60.0, 75.0), (0.0, 0.0), ((9.0, 4.0),))
     watch = Interlock(rig_with(), 50.0, {1: hot, 2: SpringHeat((22.0, 30.0), (1.0, 1.0), ((3.0, 1.0),))})
+    watch.record_fan(True, 50.0)  # until then they cool in still air
     first, least = watch.rest_time(50.0), rig_with().limits.min_off_s
     assert watch.rest_time(53.0) == pytest.approx(first - 3.0, abs=1.1)
     assert watch.export_springs(60.0)[1].temperature_c[1] < 60.0
