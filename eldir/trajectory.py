@@ -12,6 +12,8 @@ from pydantic import Field, WithJsonSchema
 from eldir.core.arguments import require_shape, require_value
 from eldir.core.records import Array, BoolArray, FileRecord, FloatArray, record
 
+MAX_TIME_GAP = 0.1
+"""Part of a period: a point that was seen so near to an instant has a place there."""
 _FRAMES = {"type": "array", "items": {"type": "integer", "minimum": 0}}
 
 
@@ -91,3 +93,18 @@ class Trajectory(FileRecord):
         for name, frames in values.get("bridged", {}).items():
             bridged[frames, values["names"].index(name)] = True
         return super().upgrade(values | {"bridged": bridged.tolist()})
+
+
+def interpolate_near(times: FloatArray, values: FloatArray, instants: FloatArray, reach: float) -> FloatArray:
+    """Linear interpolation of each column of `values` (T, C), with NaN where a point was not seen, shape
+    (instants, C); NaN at an instant from which no value of the column is within `reach` [s]."""
+    found = np.full((len(instants), values.shape[1]), np.nan)
+    for k, column in enumerate(values.T):
+        seen = np.isfinite(column)
+        if not seen.any():
+            continue
+        t, after = times[seen], np.searchsorted(times[seen], instants)
+        before, after = np.maximum(after - 1, 0), np.minimum(after, len(t) - 1)
+        near = np.minimum(np.abs(instants - t[before]), np.abs(instants - t[after])) <= reach
+        found[near, k] = np.interp(instants[near], t, column[seen])
+    return found

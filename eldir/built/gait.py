@@ -249,7 +249,7 @@ class FilmedGait(Record):
     duty: Annotated[FloatArray, Array("f8", None)]
     """Duration of heating of each motor, as a part of the period."""
     cycles: Annotated[int, Field(ge=1)]
-    """Number of complete cycles in the film."""
+    """Number of complete cycles in the film in which the walk is known."""
     walked: Annotated[float, Field(alias="body_lengths_per_5_cycles")]
     """Displacement that the camera measured [body lengths per five cycles]."""
     upright: bool

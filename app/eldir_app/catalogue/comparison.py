@@ -60,7 +60,7 @@ def write_comparison(runs: Sequence[ComparedRun], page: Path) -> None:
         ("robot", [one.run.kind[0] for one in runs]),
         ("rig", [f"{one.run.rig.name}{one.run.physics_note}" for one in runs]),
         ("gait", [f"{one.run.schedule.cycles} x {one.run.schedule.period_s:g} s" for one in runs]),
-        ("cycles filmed", [str(one.motion.cycles) for one in runs]),
+        ("cycles filmed", [_cycles(one.motion) for one in runs]),
         ("predicted by the schedule", [signed(one.predicted) for one in runs]),
         ("filmed", [signed(one.motion.displacement()) for one in runs]),
         ("filmed, mm in a cycle", [f"{_millimetres(one):+.0f}" for one in runs]),
@@ -71,6 +71,11 @@ def write_comparison(runs: Sequence[ComparedRun], page: Path) -> None:
         made=version_and_date(),
     )  # fmt: skip
     write_text(page, text)
+
+
+def _cycles(motion: Motion) -> str:
+    known = motion.known_cycles
+    return str(known) if known == motion.cycles else f"{motion.cycles}; the walk is known in {known}"
 
 
 def _millimetres(one: ComparedRun) -> float:
@@ -129,7 +134,9 @@ def plot_heights(runs: Sequence[ComparedRun]) -> Figure:
         for k, one in enumerate(runs):
             markers = one.motion.trajectory.names
             if name in markers:
-                height = np.nanmean(one.motion.by_phase()[:, :, markers.index(name), 1], axis=0)
+                heights = one.motion.by_phase()[:, :, markers.index(name), 1]
+                whole = np.isfinite(heights).all(axis=1)
+                height = heights[whole if whole.any() else ~whole].mean(axis=0)
                 axes.plot(phases, 1e3 * height, **_style(k, one))
         _finish(axes, "", f"{name} (mm)", legend=axes is rows[0])
     rows[-1].set_xlabel("part of the cycle")

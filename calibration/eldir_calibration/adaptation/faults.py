@@ -14,7 +14,7 @@ import numpy as np
 
 from eldir.built.heat import HeatModel
 from eldir.built.robot import build
-from eldir.core.records import FloatArray, IntArray
+from eldir.core.records import BoolArray, FloatArray, IntArray
 from eldir.parameters.springs import SpringParameters
 from eldir.parameters.tolerances import RigTolerances
 from eldir_calibration.adaptation.films import in_room
@@ -219,9 +219,14 @@ def explained_share(
 
 def _mean_shape(motion: Motion) -> FloatArray:
     """Heights, and forward places relative to the markers' mean, over the mean cycle, less their means [m],
-    shape (PHASE_SAMPLES, 2 markers); markers that were never seen are left out."""
+    shape (PHASE_SAMPLES, 2 markers): of the markers that have a place throughout the cycle in which most of
+    them have, over the cycles in which all of these have; zeros without such markers."""
     x = motion.by_phase()
-    x = x[:, :, np.isfinite(x).all(axis=(0, 1, 3))].mean(axis=0)
+    whole: BoolArray = np.all(np.isfinite(x), axis=(1, 3))
+    markers = whole[whole.sum(axis=1).argmax()]
+    if not markers.any():
+        return np.zeros((PHASE_SAMPLES, 2))
+    x = x[whole[:, markers].all(axis=1)][:, :, markers].mean(axis=0)
     forward = x[..., 0] - x[..., 0].mean(axis=1, keepdims=True)
     shape = np.concatenate([forward, x[..., 1]], axis=1)
     return shape - shape.mean(axis=0)

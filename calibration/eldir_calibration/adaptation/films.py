@@ -72,6 +72,13 @@ def read_run(
     """
     _require_same_run(open_run(log, design), design, rig)
     films = read_films([log], design, progress)
+    if not films.filmed_gaits:
+        raise InputError(
+            f"{log} does not show how far the robot walked",
+            code="film.lost",
+            expected="a cycle at both ends of which the same marker is seen",
+            remedy="light the markers, or remove what hides them",
+        )
     # Of a robot that falls sideways after the first cycle, the fall is what the film tells.
     if standing := [one for one in films.recordings if one.fell_at is None]:
         require = require_informative if has_moved else require_visible

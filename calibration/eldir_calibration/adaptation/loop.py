@@ -328,7 +328,7 @@ def _record(
         None if misfit is None else round(float(misfit), 4),
         round(film.walked, 4),
         film.upright,
-        films.recordings[0].cycles,
+        film.cycles,
         open_run(log, design).impossible_motion or None,
     )
 

@@ -59,8 +59,8 @@ class AdaptationRun(Record):
     upright: bool
     """Whether the robot stayed upright."""
     cycles: Annotated[Annotated[int, Field(ge=0)] | None, OMITTED] = None
-    """Cycles that the film shows: fewer than the schedule's where the markers were lost; missing in older
-    files."""
+    """Cycles in which the film shows the walk: fewer than the schedule's where the markers were lost; missing
+    in older files."""
     impossible_motion: Annotated[str | None, OMITTED] = None
     """What the robot of a virtual rig did that a printed one cannot do; missing where nothing was seen."""
 

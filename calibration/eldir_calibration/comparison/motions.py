@@ -154,6 +154,12 @@ def _remarks(
         if one.motion.cycles < run.schedule.cycles
     ]
     remarks += [
+        f"The walk in {run.log.path.name} is that of {one.motion.known_cycles} of {one.motion.cycles} "
+        "cycles: no marker was seen at both ends of the others."
+        for run, one in zip(runs, tracked, strict=True)
+        if one.motion.known_cycles < one.motion.cycles
+    ]
+    remarks += [
         f"The walk in {run.log.path.name} is not possible in reality: {run.impossible_motion}."
         for run in runs
         if run.impossible_motion

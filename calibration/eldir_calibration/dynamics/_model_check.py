@@ -19,6 +19,7 @@ import numpy as np
 
 from eldir.built.gait import CYCLES
 from eldir.core.records import BoolArray, FloatArray, Record
+from eldir.trajectory import MAX_TIME_GAP, interpolate_near
 from eldir_calibration.dynamics._problem import (
     compute_residual,
     find_reproducible_frames,
@@ -31,7 +32,6 @@ from eldir_calibration.dynamics.recording import Recording
 
 _DIRECTIONS = ("forward", "up")
 _NOISE_SAMPLES = 20
-_MAX_TIME_GAP = 0.1  # of a period: a marker that was seen so near to an instant has a place there
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,7 +161,7 @@ class CycleMotions(Record):
         ends = recording.start + recording.period * np.arange(recording.cycles + 1)
         inside = [(t >= a) & (t <= b) for a, b in pairwise(ends)]
         ranges = np.array([_height_ranges(x[frames, :, 1]) for frames in inside])
-        positions_at_ends = _interpolate_positions(t, x[..., 0], ends, _MAX_TIME_GAP * recording.period)
+        positions_at_ends = interpolate_near(t, x[..., 0], ends, MAX_TIME_GAP * recording.period)
         return cls(ranges, _mean_over_markers(np.diff(positions_at_ends, axis=0)))
 
     def without_noise(self, recording: Recording, predicted: FloatArray) -> CycleMotions:
@@ -195,20 +195,6 @@ def _height_ranges(heights: FloatArray) -> FloatArray:
     found = np.full(heights.shape[1], np.nan)
     some = np.isfinite(heights).any(axis=0)
     found[some] = np.nanmax(heights[:, some], axis=0) - np.nanmin(heights[:, some], axis=0)
-    return found
-
-
-def _interpolate_positions(
-    times: FloatArray, forward: FloatArray, instants: FloatArray, reach: float
-) -> FloatArray:
-    """Places of the markers at some instants [m], shape (instants, K); NaN for a marker that was not seen
-    within `reach` [s] of the instant."""
-    found = np.full((len(instants), forward.shape[1]), np.nan)
-    for k, x in enumerate(forward.T):
-        visible = np.isfinite(x)
-        if visible.any():
-            near = np.abs(times[visible][:, None] - instants).min(axis=0) <= reach
-            found[near, k] = np.interp(instants[near], times[visible], x[visible])
     return found
 
 

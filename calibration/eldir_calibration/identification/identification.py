@@ -160,16 +160,19 @@ def identify_films(
 
 
 def read_filmed_gait(run: LoggedRun, film: Recording) -> FilmedGait | None:
-    """The gait of a run and how far the camera saw the robot walk; None where the schedule is no gait. Of a
-    control robot that followed the intact one's schedule, the gait of the motors that it has."""
+    """The gait of a run and how far the camera saw the robot walk; None where the schedule is no gait, or the
+    walk is known in no cycle. Of a control robot that followed the intact one's schedule, the gait of the
+    motors that it has."""
     gait = extract_gait(run.schedule)
     if gait is None:
         return None
     own = slice(run.design.morphology.motors)
     gait = Gait(gait.period, gait.phase[own], gait.duty[own])
     motion = Motion(film.tracked, film.start, film.period, film.cycles, run.robot.body_length)
+    if not motion.known_cycles:
+        return None
     upright = find_any_fall(run.robot.positions[run.design.marks], film) is None
-    return FilmedGait.of(gait, motion.displacement(), upright, film.cycles, run.log.path.name)
+    return FilmedGait.of(gait, motion.displacement(), upright, motion.known_cycles, run.log.path.name)
 
 
 def read_recording(run: LoggedRun, progress: Callable[[int], None] = lambda frames: None) -> Recording:

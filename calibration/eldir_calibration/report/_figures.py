@@ -75,14 +75,14 @@ def draw_paths(motions: dict[str, Motion]) -> Figure:
     for kind in MOTION_KINDS:
         motion = motions[kind]
         folded = motion.by_phase().reshape(-1, len(motion.trajectory.names), 2)
-        origin = folded[0].mean(axis=0)
+        origin = _mean_start(folded[0, :, 0])
         for k in range(folded.shape[1]):
             axes.plot(
-                *(1e3 * (folded[:, k] - [origin[0], 0.0])).T, STYLES[kind], color=COLOURS[kind], lw=1.0,
+                *(1e3 * (folded[:, k] - [origin, 0.0])).T, STYLES[kind], color=COLOURS[kind], lw=1.0,
                 label=LABELS[kind] if k == 0 else None,
             )  # fmt: skip
         if kind == "tracked":
-            begins = (1e3 * (folded[0, k] - [origin[0], 0.0]) for k in range(len(names)))
+            begins = (1e3 * (folded[0, k] - [origin, 0.0]) for k in range(len(names)))
             for name, place in zip(names, begins, strict=True):
                 if np.isfinite(place).all():
                     axes.annotate(
@@ -93,8 +93,15 @@ def draw_paths(motions: dict[str, Motion]) -> Figure:
     return figure
 
 
+def _mean_start(forward: FloatArray) -> float:
+    """Mean over the markers that have a place [m]; 0 if none has."""
+    known = forward[np.isfinite(forward)]
+    return float(known.mean()) if len(known) else 0.0
+
+
 def draw_heights(motions: dict[str, Motion], lag: int) -> Figure:
-    """Height over the phase of a cycle: mean, and the band of all cycles."""
+    """Height over the phase of a cycle: mean, and the band of all cycles in which the marker has a place
+    throughout."""
     names = motions["tracked"].trajectory.names
     figure = Figure(figsize=(7.0, 1.5 * len(names) + 0.6), layout="constrained")
     rows = figure.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
@@ -104,10 +111,10 @@ def draw_heights(motions: dict[str, Motion], lag: int) -> Figure:
         y = np.roll(y, lag if kind == "simulated" else 0, axis=1)
         y = y - y.mean(axis=1, keepdims=True)
         for k, axes in enumerate(rows):
-            axes.plot(phase, y[:, :, k].mean(axis=0), STYLES[kind], color=COLOURS[kind], label=LABELS[kind])
-            axes.fill_between(
-                phase, y[:, :, k].min(axis=0), y[:, :, k].max(axis=0), color=COLOURS[kind], alpha=0.15, lw=0
-            )
+            whole = np.isfinite(y[:, :, k]).all(axis=1)
+            one = y[whole if whole.any() else ~whole, :, k]
+            axes.plot(phase, one.mean(axis=0), STYLES[kind], color=COLOURS[kind], label=LABELS[kind])
+            axes.fill_between(phase, one.min(axis=0), one.max(axis=0), color=COLOURS[kind], alpha=0.15, lw=0)
     for name, axes in zip(names, rows, strict=True):
         axes.set_ylabel(f"{name} (mm)")
     hide_frame(*rows)

@@ -7,6 +7,7 @@ A matching profile of vertical ranges alone is weak evidence: it fits nearly any
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Annotated
 
 import numpy as np
@@ -15,7 +16,7 @@ from scipy.special import stdtrit
 from eldir.built.gait import CYCLES
 from eldir.core.records import FloatArray, Record, Rounded, record
 from eldir.errors import InputError
-from eldir.trajectory import Trajectory
+from eldir.trajectory import MAX_TIME_GAP, Trajectory, interpolate_near
 
 PHASE_SAMPLES = 100
 """Samples of a cycle."""
@@ -32,7 +33,8 @@ _MIN_DIFFERENCE = 1e-9  # a prediction this close to the camera was not computed
 
 @dataclass(frozen=True, eq=False)
 class Motion(Record):
-    """Marked masses over whole actuation cycles."""
+    """Marked masses over whole actuation cycles. A mass has a place at an instant only if it was seen within
+    `MAX_TIME_GAP` of the period of it."""
 
     trajectory: Trajectory
     start: float
@@ -72,7 +74,8 @@ class Motion(Record):
         return t[inside], self.trajectory.positions[inside] * self.scale
 
     def vertical_ranges(self) -> FloatArray:
-        """Greatest minus least height in each cycle [m at the built pitch], shape (cycles, K)."""
+        """Greatest minus least height in each cycle [m at the built pitch], shape (cycles, K); NaN for a mass
+        that has no place in a part of the cycle."""
         t, x = self._counted_frames
         cycle = np.minimum(((t - self.start) / self.period).astype(int), self.cycles - 1)
         ranges = np.full((self.cycles, x.shape[1]), np.nan)
@@ -80,35 +83,50 @@ class Motion(Record):
             heights = x[cycle == c, :, 1]
             some = np.isfinite(heights).sum(axis=0) >= 2
             ranges[c, some] = np.nanmax(heights[:, some], axis=0) - np.nanmin(heights[:, some], axis=0)
+        ranges[~np.isfinite(self.by_phase()).all(axis=(1, 3))] = np.nan
         return ranges
 
     def by_phase(self) -> FloatArray:
-        """Positions at equal phases of every cycle [m], shape (cycles, PHASE_SAMPLES, K, 2); gaps bridged."""
+        """Positions at equal phases of every cycle [m], shape (cycles, PHASE_SAMPLES, K, 2)."""
         phases = (np.arange(self.cycles * PHASE_SAMPLES) + 0.5) / PHASE_SAMPLES
         t, x = self.trajectory.times, self.trajectory.positions * self.scale
-        columns = [_interpolate(self.start + phases * self.period, t, c) for c in x.reshape(len(t), -1).T]
-        return np.stack(columns, axis=1).reshape(self.cycles, PHASE_SAMPLES, x.shape[1], 2)
+        found = self._interpolate(t, x.reshape(len(t), -1), self.start + phases * self.period)
+        return found.reshape(self.cycles, PHASE_SAMPLES, x.shape[1], 2)
 
     def advance(self) -> tuple[FloatArray, FloatArray]:
-        """Cycles since the start, and mean forward motion of the masses in body lengths."""
+        """Cycles since the start, and mean forward motion in body lengths: at each instant of the masses that
+        have a place there and had one at the start; NaN where none has."""
         t, x = self._counted_frames
-        filled = np.stack([_interpolate(t, t, c) for c in x[:, :, 0].T], axis=1)
-        moved = (filled - filled[0]).mean(axis=1)
-        return (t - self.start) / self.period, moved / (self.body_length * self.scale)
+        filled = self._interpolate(t, x[:, :, 0], t)
+        moved, known = filled - filled[0], np.isfinite(filled - filled[0])
+        number, total = known.sum(axis=1), np.where(known, moved, 0.0).sum(axis=1)
+        mean = np.divide(total, number, out=np.full(len(t), np.nan), where=number > 0)
+        return (t - self.start) / self.period, mean / (self.body_length * self.scale)
 
     def displacement(self) -> float:
-        """Forward motion of the masses in body lengths per five cycles."""
-        return float(self.displacements().mean())
+        """Forward motion of the masses in body lengths per five cycles, over the cycles in which it is
+        known."""
+        return CycleMean.of(self.displacements()).mean
 
     def displacements(self) -> FloatArray:
-        """Forward motion in each cycle, in body lengths per five cycles, shape (cycles,)."""
+        """Forward motion in each cycle, in body lengths per five cycles, shape (cycles,): of the masses that
+        have a place at both ends of the cycle; NaN where none has."""
         ends = self.start + np.arange(self.cycles + 1) * self.period
         t, x = self.trajectory.times, self.trajectory.positions[:, :, 0]
-        places = np.stack([_interpolate(ends, t, c) for c in x.T], axis=1)
-        visible = np.isfinite(places).all(axis=0)
-        if not visible.any():
-            return np.full(self.cycles, np.nan)
-        return np.diff(places[:, visible].mean(axis=1)) / self.body_length * CYCLES
+        moved = np.full(self.cycles, np.nan)
+        for cycle, (a, b) in enumerate(pairwise(self._interpolate(t, x, ends))):
+            both = np.isfinite(a) & np.isfinite(b)
+            if both.any():
+                moved[cycle] = b[both].mean() - a[both].mean()
+        return moved / self.body_length * CYCLES
+
+    @property
+    def known_cycles(self) -> int:
+        """Number of cycles in which the forward motion is known."""
+        return int(np.isfinite(self.displacements()).sum())
+
+    def _interpolate(self, times: FloatArray, values: FloatArray, instants: FloatArray) -> FloatArray:
+        return interpolate_near(times, values, instants, MAX_TIME_GAP * self.period)
 
 
 @dataclass(frozen=True)
@@ -196,15 +214,23 @@ def compare_motions(simulated: Motion, predicted: Motion, tracked: Motion) -> Mo
 
 def mean_cycle(folded: FloatArray) -> FloatArray:
     """The mean over cycles, shape (PHASE_SAMPLES, K, 2), without its mean, and horizontally without the
-    steady walk.
+    steady walk. Of each mass those cycles count in which it has a place throughout; NaN if there is none.
 
     Any two robots that walk the same way would otherwise correlate.
     """
-    x = folded[..., 0]
+    return np.stack([_mean_whole_cycle(x) for x in np.moveaxis(folded, 2, 0)], axis=1)
+
+
+def _mean_whole_cycle(x: FloatArray) -> FloatArray:
+    """As `mean_cycle`, of one mass: shapes (cycles, PHASE_SAMPLES, 2) and (PHASE_SAMPLES, 2)."""
+    whole = np.flatnonzero(np.isfinite(x).all(axis=(1, 2)))
+    if not len(whole):
+        return np.full(x.shape[1:], np.nan)
+    first, last = whole[0], whole[-1]
     # From cycle to cycle: a straight line fitted within one would take part of the swing away.
-    step = (x[-1] - x[0]).mean(axis=0) / (len(x) - 1) if len(x) > 1 else x[0, -1] - x[0, 0]
-    mean = folded.mean(axis=0)
-    mean[..., 0] -= np.linspace(0, 1, PHASE_SAMPLES, endpoint=False)[:, None] * step
+    step = (x[last] - x[first]).mean(axis=0) / (last - first) if last > first else x[first, -1] - x[first, 0]
+    mean = x[whole].mean(axis=0)
+    mean[:, 0] -= np.linspace(0, 1, PHASE_SAMPLES, endpoint=False) * step[0]
     return mean - mean.mean(axis=0)
 
 
@@ -238,11 +264,6 @@ def _correlation(u: FloatArray, v: FloatArray) -> float:
     u, v = u - u.mean(), v - v.mean()
     size = float(np.sqrt((u @ u) * (v @ v)))
     return 0.0 if size == 0 else float(u @ v) / size
-
-
-def _interpolate(at: FloatArray, t: FloatArray, values: FloatArray) -> FloatArray:
-    good = np.isfinite(values)
-    return np.interp(at, t[good], values[good]) if good.any() else np.full(len(at), np.nan)
 
 
 def _warnings(motions: dict[str, Motion], folded: dict[str, FloatArray]) -> list[str]:

@@ -128,14 +128,16 @@ def compare_with_others(own: dict[str, Motion], tracked: Motion, others: Sequenc
 
 
 def _profile_correlation(motion: Motion, tracked: Motion) -> float:
-    a, b = (_mean_ranges(m) for m in (motion, tracked))
+    a, b = (mean_ranges(m) for m in (motion, tracked))
     good = np.isfinite(a) & np.isfinite(b)
     if good.sum() < 3 or np.ptp(a[good]) == 0 or np.ptp(b[good]) == 0:
         return float("nan")
     return float(np.corrcoef(a[good], b[good])[0, 1])
 
 
-def _mean_ranges(motion: Motion) -> FloatArray:
+def mean_ranges(motion: Motion) -> FloatArray:
+    """Vertical range of each mass, mean over the cycles in which it is known [m], shape (K,); NaN if it is in
+    none."""
     ranges = motion.vertical_ranges()
     some = np.isfinite(ranges).any(axis=0)
     means = np.full(ranges.shape[1], np.nan)

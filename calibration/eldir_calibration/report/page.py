@@ -28,6 +28,7 @@ from eldir_calibration.report.controls import (
     PAPER_DISPLACEMENTS,
     FilmedRun,
     OtherDesigns,
+    mean_ranges,
     pool_displacements,
     summarise_controls,
 )
@@ -298,9 +299,9 @@ def _report_numbers(
 
 def _prediction_errors(motion: Motion, filmed: Motion) -> PredictionErrors:
     """A prediction compared with the camera."""
-    tracked, ranges = filmed.vertical_ranges(), motion.vertical_ranges().mean(axis=0)
+    tracked, ranges = mean_ranges(filmed), motion.vertical_ranges().mean(axis=0)
     difference = motion.by_phase() - filmed.by_phase()
-    errors = np.abs(ranges - np.nanmean(tracked, axis=0))
+    errors = np.abs(ranges - tracked)
     return PredictionErrors(
         dict(zip(filmed.trajectory.names, ranges.tolist(), strict=True)),
         float(np.nanmean(errors) / np.nanmean(tracked)),

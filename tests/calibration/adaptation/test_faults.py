@@ -72,6 +72,21 @@ def moved(recording: Recording, positions: np.ndarray) -> Recording:
     return replace(recording, tracked=Trajectory(tracked.names, tracked.times, positions))
 
 
+@pytest.mark.filterwarnings("error")
+def test_the_shape_is_that_of_the_markers_that_were_seen() -> None:
+    """In the first cycle all are seen, in the second each is hidden for a third of it. Markers that are
+    hidden in both cycles explain nothing."""
+    whole = film(0)
+    x, t = whole.tracked.positions.copy(), whole.tracked.times - whole.start
+    for k in range(x.shape[1]):
+        x[(t > whole.period * (1.1 + 0.1 * k)) & (t < whole.period * (1.45 + 0.1 * k)), k] = np.nan
+    alone = replace(whole, cycles=1)
+    shares = [explained_share(walker(), r, SPRINGS, [0]) for r in (moved(whole, x), alone)]
+    assert shares[0] == shares[1] > 0.96
+    x[(t > 0.3 * whole.period) & (t < 0.65 * whole.period)] = np.nan
+    assert explained_share(walker(), moved(whole, x), SPRINGS, [0]) == 0.0
+
+
 def test_a_motor_that_does_nothing_is_named() -> None:
     (fault,) = find_faults(3, films(film(0)), believed(SECOND_IDLE), LIMIT)
     assert (fault.run, fault.kind) == (3, "motor") and fault.text.startswith("motor 1 does nothing")

@@ -13,7 +13,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from eldir.built.gait import Gait
+from eldir.built.gait import FilmedGait, Gait
 from eldir.built.robot import build
 from eldir.built.scene import PrintedScene
 from eldir.design import Design
@@ -143,6 +143,21 @@ def test_what_the_camera_saw_of_a_gait_is_kept(log: Path, recording: Recording) 
         lying = Trajectory(driven.names, 0.2 * np.arange(600), turned)
         found = read_filmed_gait(driven, replace(films.recordings[0], tracked=lying))
         assert found is not None and found.upright == upright
+
+
+def test_a_gait_has_the_cycles_in_which_its_walk_is_known(log: Path) -> None:
+    """Nobody is seen at the end of the second cycle, and then at no end of a cycle."""
+    driven = open_run(log, Design.load(log.parent / "design.json"))
+    whole = read_recording(driven)
+    t, x = whole.tracked.times, whole.tracked.positions.copy()
+
+    def filmed(unseen: np.ndarray) -> FilmedGait | None:
+        x[unseen] = np.nan
+        return read_filmed_gait(driven, replace(whole, tracked=replace(whole.tracked, positions=x)))
+
+    both, first = read_filmed_gait(driven, whole), filmed(np.abs(t - whole.end) < 3.0)
+    assert both is not None and first is not None and (both.cycles, first.cycles) == (2, 1)
+    assert filmed(np.abs(t - whole.start) < 3.0) is None
 
 
 def test_the_command_says_what_is_known_and_what_not(

@@ -14,6 +14,7 @@ from eldir_calibration.report.comparison import (
     agreements,
     best_lag,
     compare_motions,
+    mean_cycle,
 )
 from tests.calibration.report.striding_walkers import CYCLES, LENGTH, PERIOD, walker
 from tests.raised import raises
@@ -93,6 +94,61 @@ def test_a_gap_is_bridged_and_counted() -> None:
     x[:, 0] = np.nan
     never = Motion(Trajectory(("m1", "m2"), t, x), PERIOD, PERIOD, CYCLES, LENGTH)
     assert np.isnan(never.vertical_ranges()[:, 0]).all() and np.isfinite(never.vertical_ranges()[:, 1]).all()
+
+
+def five_markers(*unseen: tuple[int, float, float]) -> Motion:
+    """Five markers that walk one body length in five cycles, with their own phases; of each `unseen` the
+    number, and the times between which it has no place [s]."""
+    t = np.arange(0, (CYCLES + 1) * PERIOD + 0.2, 0.1)
+    turn = 2 * np.pi * t[:, None] / PERIOD + np.arange(5)
+    forward = LENGTH * t[:, None] / PERIOD / 5 + 0.03 * np.arange(5) + 0.004 * np.sin(turn)
+    x = np.stack([forward, 0.03 + 0.003 * np.cos(turn)], axis=2)
+    for k, begin, end in unseen:
+        x[(t > begin) & (t < end), k] = np.nan
+    return Motion(Trajectory(tuple(f"m{k + 1}" for k in range(5)), t, x), PERIOD, PERIOD, CYCLES, LENGTH)
+
+
+END = 1e3
+LOST_IN_THE_FIRST_CYCLE = [(k, 1.4 * PERIOD, END) for k in range(3)]
+FOUND_IN_THE_LAST_CYCLE = [(k, 0.0, 5.3 * PERIOD) for k in range(2)]
+
+
+@pytest.mark.parametrize(
+    "unseen", [[], LOST_IN_THE_FIRST_CYCLE, LOST_IN_THE_FIRST_CYCLE[:1], FOUND_IN_THE_LAST_CYCLE]
+)
+def test_a_marker_that_is_lost_or_found_late_does_not_stand_still(
+    unseen: list[tuple[int, float, float]],
+) -> None:
+    """The walk is that of the markers seen at both ends of each cycle, in closed form +1.00."""
+    motion = five_markers(*unseen)
+    np.testing.assert_allclose(motion.displacements(), 1.0, atol=1e-9)
+    walk = CycleMean.of(motion.displacements())
+    assert walk.high - walk.low < 1e-6 and motion.known_cycles == CYCLES
+    cycles, moved = motion.advance()
+    at_ends = np.isclose(cycles, np.round(cycles), atol=1e-6)
+    np.testing.assert_allclose(moved[at_ends], np.arange(CYCLES + 1) / 5, atol=1e-9)
+    hidden = [k for k, *_ in unseen]
+    ranges = motion.vertical_ranges()
+    assert np.isfinite(ranges[:, [k for k in range(5) if k not in hidden]]).all()
+    assert np.isnan(ranges[1:4, hidden]).all() and np.isfinite(ranges).sum() == 5 * (5 - len(hidden))
+
+
+def test_a_cycle_without_a_marker_at_both_ends_is_not_known() -> None:
+    """All are hidden around the end of the second cycle: two of five cycles, which are not guessed."""
+    hidden = [(k, 2.8 * PERIOD, 3.2 * PERIOD) for k in range(5)]
+    motion = five_markers(*hidden)
+    np.testing.assert_allclose(motion.displacements(), [1, np.nan, np.nan, 1, 1], atol=1e-9)
+    assert motion.known_cycles == 3 and motion.displacement() == pytest.approx(1.0)
+    folded = motion.by_phase()
+    np.testing.assert_array_equal(np.isnan(folded).any(axis=(1, 2, 3)), [False, True, True, False, False])
+    seen = np.abs(np.arange(CYCLES * PHASE_SAMPLES) + 0.5 - 2 * PHASE_SAMPLES) > 0.1 * PHASE_SAMPLES
+    np.testing.assert_array_equal(np.isfinite(folded[..., 0, 0]).ravel(), seen)
+    np.testing.assert_allclose(mean_cycle(folded), mean_cycle(five_markers().by_phase()), atol=1e-9)
+    (agreement, *_) = agreements(five_markers().by_phase(), folded)
+    assert agreement["horizontal"].correlation == pytest.approx(1.0)
+    never = five_markers(*[(0, (c + 0.2) * PERIOD, (c + 0.8) * PERIOD) for c in range(1, 6)])
+    (lost, seen_one, *_) = agreements(five_markers().by_phase(), never.by_phase())
+    assert np.isnan(lost["vertical"].correlation) and seen_one["vertical"].correlation > 0.999
 
 
 def test_comparison_takes_the_camera_as_the_measure() -> None:

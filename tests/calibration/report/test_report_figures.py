@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eldir_calibration.report._figures import draw_heating, draw_paths
+from eldir_calibration.report._figures import draw_heating, draw_heights, draw_paths
+from eldir_calibration.report.comparison import Motion
 from eldir_calibration.report.controls import compare_with_others
 from eldir_calibration.report.page import write_report
 from tests.calibration.report.report_input import HEATING, content
@@ -16,6 +17,29 @@ def test_every_path_has_the_name_of_its_mark() -> None:
     motions = {kind: walker() for kind in ("simulated", "predicted", "tracked")}
     (axes,) = draw_paths(motions).axes
     assert [t.get_text() for t in axes.texts] == list(motions["tracked"].trajectory.names)
+
+
+def hide(motion: Motion, mark: int, begin: float, end: float) -> Motion:
+    """The motion without the places of a mark between two times [s]."""
+    path = motion.trajectory
+    x = path.positions.copy()
+    x[(path.times > begin) & (path.times < end), mark] = np.nan
+    return replace(motion, trajectory=replace(path, positions=x))
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_marker_that_is_lost_is_drawn_as_far_as_it_was_seen(tmp_path) -> None:
+    """One is found after the start of the cycles that count, the other is lost in the last of them."""
+    tracked = hide(hide(walker(noise=1e-5), 0, 0.0, 35.0), 1, 112.0, 1e3)
+    motions = {"simulated": walker(), "predicted": walker(), "tracked": tracked}
+    (axes,) = draw_paths(motions).axes
+    assert [t.get_text() for t in axes.texts] == ["m2"], "m1 has no place at the start"
+    drawn = [np.isfinite(line.get_ydata()).sum() for line in axes.get_lines()[-2:]]
+    assert drawn == [pytest.approx(435, abs=2), pytest.approx(470, abs=2)]
+    heights = draw_heights(motions, 0)
+    assert all(np.isfinite(line.get_ydata()).all() for row in heights.axes for line in row.get_lines())
+    told = write_report(content(tracked=tracked, before=walker(lift=0.0031)), tmp_path / "report")
+    assert told.displacement["tracked"] == pytest.approx(0.25, abs=0.01)
 
 
 def test_figures_without_data_are_left_out_and_told(tmp_path) -> None:
