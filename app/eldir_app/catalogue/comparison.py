@@ -60,7 +60,7 @@ def write_comparison(runs: Sequence[ComparedRun], page: Path) -> None:
         ("robot", [one.run.kind[0] for one in runs]),
         ("rig", [f"{one.run.rig.name}{one.run.physics_note}" for one in runs]),
         ("gait", [f"{one.run.schedule.cycles} x {one.run.schedule.period_s:g} s" for one in runs]),
-        ("cycles filmed", [_cycles(one.motion) for one in runs]),
+        ("cycles filmed", [_describe_cycles(one) for one in runs]),
         ("predicted by the schedule", [signed(one.predicted) for one in runs]),
         ("filmed", [signed(one.motion.displacement()) for one in runs]),
         ("filmed, mm in a cycle", [f"{_millimetres(one):+.0f}" for one in runs]),
@@ -73,9 +73,11 @@ def write_comparison(runs: Sequence[ComparedRun], page: Path) -> None:
     write_text(page, text)
 
 
-def _cycles(motion: Motion) -> str:
-    known = motion.known_cycles
-    return str(known) if known == motion.cycles else f"{motion.cycles}; the walk is known in {known}"
+def _describe_cycles(one: ComparedRun) -> str:
+    known, cycles = one.motion.known_cycles, one.motion.cycles
+    gaps = "" if known == cycles else f"the walk is known in {known}"
+    ending = one.run.ending if one.run.is_incomplete else ""
+    return "; ".join(filter(None, (str(cycles), gaps, ending)))
 
 
 def _millimetres(one: ComparedRun) -> float:

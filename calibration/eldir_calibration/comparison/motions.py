@@ -148,10 +148,9 @@ def _remarks(
         for remark in filter(None, (describe_lost_cycles(one.loss), describe_departure(one.departure))):
             remarks.append(remark if len(runs) == 1 else f"{run.log.path.name}: {remark}")
     remarks += [
-        f"{run.log.path.name} holds {one.motion.cycles} of {run.schedule.cycles} cycles that count; "
-        f"{run.ending}."
+        text
         for run, one in zip(runs, tracked, strict=True)
-        if one.motion.cycles < run.schedule.cycles
+        if (text := run.describe_missing_cycles(one.motion.cycles))
     ]
     remarks += [
         f"The walk in {run.log.path.name} is that of {one.motion.known_cycles} of {one.motion.cycles} "

@@ -21,7 +21,7 @@ from eldir.parameters.tolerances import RigTolerances
 from eldir.parameters.uncertain import PARAMETERS
 from eldir.trajectory import Trajectory
 from eldir_calibration.comparison.meters import read_meters
-from eldir_calibration.report.comparison import Motion
+from eldir_calibration.report.comparison import Motion, max_missing_time
 from eldir_calibration.report.controls import INTACT
 from eldir_hardware.log.mcap_file import find_log, fingerprint
 from eldir_hardware.log.messages import MOVED_BY, VIRTUAL_RIG
@@ -29,8 +29,7 @@ from eldir_hardware.log.reader import RunLog, read_attachment, read_log
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.schedule import ActuationSchedule
 
-_MAX_MISSING_SHARE = 0.25
-"""A cycle counts as complete where at most this part of it is missing at the end."""
+_COMPLETE = "played to the end"  # last message of the player
 _ROOM_ERROR = 1.0
 """How far the air may be from what was measured before the run, two standard deviations [C]: a thermometer is
 right to half a degree, and a room changes."""
@@ -132,7 +131,8 @@ class LoggedRun(RecordedRun):
         """The motion over the cycles that count, as many of them as the log holds completely."""
         s = self.schedule
         last = float(trajectory.times[-1]) if len(trajectory.times) else 0.0
-        complete = min(s.cycles, int((last - s.start_of_cycles) / s.period_s + _MAX_MISSING_SHARE))
+        end = last + max_missing_time(trajectory.times)
+        complete = min(s.cycles, int((end - s.start_of_cycles) / s.period_s + 1e-9))
         if complete < 1:
             raise InputError(
                 f"{self.log.path} ends before its first cycle that counts",
@@ -197,11 +197,31 @@ class LoggedRun(RecordedRun):
     def _virtual_rig_messages(self) -> list[str]:
         return [message for _, part, message in self.log.statuses if part == VIRTUAL_RIG]
 
+    def describe_missing_cycles(self, cycles: int) -> str:
+        """A sentence for a reader of a film of so many cycles; empty where it has all of them and the run was
+        played to its end."""
+        if cycles == self.schedule.cycles and not self.is_incomplete:
+            return ""
+        return (
+            f"{self.log.path.name} holds {cycles} of {self.schedule.cycles} cycles that count; {self.ending}."
+        )
+
+    @property
+    def is_incomplete(self) -> bool:
+        """Whether its player says that it did not play to the end."""
+        return bool(self._player_messages) and self._player_messages[-1][1] != _COMPLETE
+
     @property
     def ending(self) -> str:
         """How the run ended, according to its log."""
-        messages = [message for _, part, message in self.log.statuses if part == "player"]
-        return f"last message of its player: {messages[-1]}" if messages else "no message of its player"
+        if not self._player_messages:
+            return "no message of its player"
+        return f"last message of its player: {self._player_messages[-1][1]}"
+
+    @property
+    def _player_messages(self) -> list[tuple[float, str]]:
+        """Messages of its player with their times [s]."""
+        return [(t, message) for t, part, message in self.log.statuses if part == "player"]
 
 
 def read_run(path: Path) -> LoggedRun:

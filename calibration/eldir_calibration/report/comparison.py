@@ -28,6 +28,7 @@ NOT_COMPARABLE = (
     "Learned and predicted are not comparable: the paper's scene has no hubs, other springs, weights and "
     "friction, and the controller's own pace. Only the filmed walk tests the predicted one."
 )
+_MAX_MISSING_FRAMES = 2
 _MIN_DIFFERENCE = 1e-9  # a prediction this close to the camera was not computed independently [m]
 
 
@@ -50,7 +51,8 @@ class Motion(Record):
     def __post_init__(self) -> None:
         end = self.start + self.period * self.cycles
         t = self.trajectory.times
-        if len(t) < 2 or t[0] > self.start + self.period / 4 or t[-1] < end - self.period / 4:
+        missing = max_missing_time(t) + 1e-6 * self.period
+        if len(t) < 2 or t[0] > self.start + missing or t[-1] < end - missing:
             found = f"{t[0]:.3g} to {t[-1]:.3g} s" if len(t) else "nothing"
             raise InputError(
                 "a motion does not cover its cycles",
@@ -127,6 +129,11 @@ class Motion(Record):
 
     def _interpolate(self, times: FloatArray, values: FloatArray, instants: FloatArray) -> FloatArray:
         return interpolate_near(times, values, instants, MAX_TIME_GAP * self.period)
+
+
+def max_missing_time(times: FloatArray) -> float:
+    """How much of complete cycles may be missing at either end [s]: as much as two frames take."""
+    return _MAX_MISSING_FRAMES * float(np.median(np.diff(times))) if len(times) > 1 else 0.0
 
 
 @dataclass(frozen=True)

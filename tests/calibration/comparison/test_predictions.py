@@ -42,6 +42,7 @@ from eldir_calibration.report.verdict import prediction_interval
 from eldir_hardware.log.reader import RunLog
 from eldir_hardware.planning.compiler import compile_schedule
 from eldir_hardware.rig.configuration import Rig
+from eldir_hardware.run.player import RunResult
 from eldir_hardware.safety.compatibility import with_digests
 from tests.calibration.comparison.computed_aside import die, interrupted, refuse, square
 from tests.eldir.random_design import make_design
@@ -244,7 +245,14 @@ def test_a_run_that_ended_early_has_its_whole_cycles(driven: RecordedRun) -> Non
         return logged.motion(Trajectory(("m1",), times, np.zeros((len(times), 1, 2))))
 
     assert motion(start + 3 * period + 0.1).cycles == motion(start + 9 * period).cycles == 3
-    assert motion(start + 2.5 * period).cycles == 2
+    assert motion(start + 2.5 * period).cycles == motion(start + 2.78 * period).cycles == 2
+    # Two frames of 0.1 s, of which the last one is at the end, may be missing.
+    assert (motion(start + 3 * period - 0.05).cycles, motion(start + 3 * period - 0.25).cycles) == (3, 2)
+    stopped = "log.mcap holds {} of 3 cycles that count; last message of its player: emergency stop."
+    assert [logged.describe_missing_cycles(n) for n in (2, 3)] == [stopped.format(2), stopped.format(3)]
+    for status in ((), (*said, (90.0, "player", RunResult(0.0, 0.0, 0.0).ended))):
+        whole = replace(logged, log=replace(log, statuses=status))
+        assert whole.describe_missing_cycles(3) == "" != whole.describe_missing_cycles(2)
     with raises(InputError, "log.too-short", match=r"log\.mcap .*last message of its player: emergency stop"):
         motion(start + 0.5 * period)
 
