@@ -120,14 +120,7 @@ def _require_same_run(run: LoggedRun, design: Design, rig: Rig) -> None:
             found=f"a {run.rig.kind} one",
             remedy="begin a new folder",
         )
-    paused = [text for _, part, text in run.log.statuses if part == "player" and text.startswith("paused")]
-    if paused:
-        raise InputError(
-            f"{path} is of a run that was {paused[0]}",
-            code="adapt.paused",
-            expected="a run without a pause: robots are compared over the schedule's cycles",
-            remedy="give the same command again: the run is repeated",
-        )
+    run.require_unpaused("give the same command again: the run is repeated")
 
 
 def known_parameters(rig: Rig) -> tuple[str, ...]:

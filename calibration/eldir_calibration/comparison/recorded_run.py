@@ -29,7 +29,7 @@ from eldir_hardware.log.reader import RunLog, read_attachment, read_log
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.schedule import ActuationSchedule
 
-_COMPLETE = "played to the end"  # last message of the player
+_COMPLETE, _PAUSED = "played to the end", "paused"  # messages of the player; the second one begins with it
 _ROOM_ERROR = 1.0
 """How far the air may be from what was measured before the run, two standard deviations [C]: a thermometer is
 right to half a degree, and a room changes."""
@@ -128,14 +128,17 @@ class LoggedRun(RecordedRun):
         return RecordedRun(*(getattr(self, part.name) for part in fields(RecordedRun)))
 
     def motion(self, trajectory: Trajectory) -> Motion:
-        """The motion over the cycles that count, as many of them as the log holds completely."""
+        """The motion over the cycles that count, as many of them as the log holds completely and before any
+        pause."""
         s = self.schedule
         last = float(trajectory.times[-1]) if len(trajectory.times) else 0.0
         end = last + max_missing_time(trajectory.times)
+        if self.paused_s is not None:
+            end = last = min(end, self.paused_s)
         complete = min(s.cycles, int((end - s.start_of_cycles) / s.period_s + 1e-9))
         if complete < 1:
             raise InputError(
-                f"{self.log.path} ends before its first cycle that counts",
+                f"{self.log.path} holds no complete cycle that counts",
                 code="log.too-short",
                 expected=f"{s.start_of_cycles + s.period_s:.0f} s or more",
                 found=f"{last:.1f} s; {self.ending}",
@@ -197,6 +200,22 @@ class LoggedRun(RecordedRun):
     def _virtual_rig_messages(self) -> list[str]:
         return [message for _, part, message in self.log.statuses if part == VIRTUAL_RIG]
 
+    @property
+    def paused_s(self) -> float | None:
+        """When the run was first paused [s]; None if it was not. Later cycles are not where the schedule has
+        them."""
+        return next((t for t, message in self._player_messages if message.startswith(_PAUSED)), None)
+
+    def require_unpaused(self, remedy: str) -> None:
+        """Raise `InputError` for a run that was paused."""
+        if self.paused_s is not None:
+            raise InputError(
+                f"{self.log.path} is of a run that was paused at {self.paused_s:.1f} s",
+                code="adapt.paused",
+                expected="a run without a pause: robots are compared over the schedule's cycles",
+                remedy=remedy,
+            )
+
     def describe_missing_cycles(self, cycles: int) -> str:
         """A sentence for a reader of a film of so many cycles; empty where it has all of them and the run was
         played to its end."""
@@ -208,15 +227,19 @@ class LoggedRun(RecordedRun):
 
     @property
     def is_incomplete(self) -> bool:
-        """Whether its player says that it did not play to the end."""
-        return bool(self._player_messages) and self._player_messages[-1][1] != _COMPLETE
+        """Whether its player says that it was paused, or did not play to the end."""
+        messages = self._player_messages
+        return self.paused_s is not None or (bool(messages) and messages[-1][1] != _COMPLETE)
 
     @property
     def ending(self) -> str:
         """How the run ended, according to its log."""
         if not self._player_messages:
             return "no message of its player"
-        return f"last message of its player: {self._player_messages[-1][1]}"
+        paused = (
+            "" if self.paused_s is None else f"paused at {self.paused_s:.1f} s, later cycles do not count; "
+        )
+        return f"{paused}last message of its player: {self._player_messages[-1][1]}"
 
     @property
     def _player_messages(self) -> list[tuple[float, str]]:

@@ -65,8 +65,11 @@ def read_films(
     paths: Sequence[Path], design: Design, progress: Progress = lambda what, part: None
 ) -> RobotFilms:
     """Reads and tracks logs of one robot. Raises `InputError` where their rigs have different springs or
-    supplies, or share one output, or where they are of different robots, or one is there twice."""
+    supplies, or share one output, or where they are of different robots, or of a paused run, or one is there
+    twice."""
     runs = open_runs(paths, design)
+    for run in runs:
+        run.require_unpaused("leave this log out, or film the run again without a pause")
     first = runs[0]
     if any(d.rig.spring_parameters() != first.rig.spring_parameters() for d in runs):
         raise InputError(

@@ -158,6 +158,22 @@ def test_overlays_hold_what_was_filmed(folder: Path) -> None:
     assert max(heights.axes[0].get_lines()[0].get_ydata()) == pytest.approx(10.0, rel=0.05)
 
 
+def test_a_comparison_tells_why_cycles_lack(folder: Path, tmp_path: Path) -> None:
+    """A run that was paused, and one whose markers were hidden around the end of its first cycle."""
+    whole = compared(folder / "one.mcap", "whole", 0.01)
+    statuses = ((3.5, "player", "paused in cycle 2"), (9.0, "player", "played to the end"))
+    log = replace(whole.run.log, statuses=statuses)
+    paused = replace(whole, run=replace(whole.run, log=log), motion=replace(whole.motion, cycles=1))
+    path = whole.motion.trajectory
+    x = np.where(np.abs(path.times - 3.0)[:, None, None] < 0.5, np.nan, path.positions)
+    hidden = replace(whole, motion=replace(whole.motion, trajectory=replace(path, positions=x)))
+    write_comparison([whole, paused, hidden], tmp_path / "page.html")
+    page = (tmp_path / "page.html").read_text()
+    assert "<td>3</td>" in page and "<td>3; the walk is known in 1</td>" in page
+    told = "1; paused at 3.5 s, later cycles do not count; last message of its player: played to the end"
+    assert f"<td>{told}</td>" in page and page.count("<td>+0.50</td>") == 3
+
+
 def test_overlays_have_the_temperatures_of_the_last_cycle_or_say_that_there_are_none(
     folder: Path, tmp_path: Path
 ) -> None:

@@ -18,6 +18,7 @@ from eldir.design import Ballast, Design, Variant
 from eldir.errors import InputError
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
+from eldir_calibration.adaptation import films
 from eldir_calibration.adaptation.choice import (
     NoGaitError,
     believed_limits,
@@ -136,7 +137,7 @@ def test_runs_of_other_robots_and_rigs_and_with_pauses_do_not_count(
     def read(log: Path, rig: Rig = rig) -> None:
         read_run(log, design, rig, lambda what, part: None)
 
-    with raises(InputError, "adapt.paused", match="paused in cycle 2"):
+    with raises(InputError, "adapt.paused", match=r"paused at 40\.0 s"):
         read(log(tmp_path, rig, design, "paused in cycle 2"))
     with raises(InputError, "dynamics.different-robots"):
         read(log(tmp_path, rig, replace(design, variant=Variant(ballast=Ballast(5.0, 0)))))
@@ -144,6 +145,17 @@ def test_runs_of_other_robots_and_rigs_and_with_pauses_do_not_count(
         read(log(tmp_path, rig, design), rig.model_copy(update={"kind": "real"}))
     with raises(InputError, "log.no-positions"):
         read(log(tmp_path, rig, design))
+
+
+def test_a_film_without_a_walk_is_no_run(
+    tmp_path: Path, rig: Rig, design: Design, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No marker is seen at both ends of any cycle."""
+    body = FilmedBody(design.morphology, design.marks)
+    unknown = RobotFilms(body, [], nominal_robot(rig), (), design, [], {})
+    monkeypatch.setattr(films, "read_films", lambda paths, design, progress: unknown)
+    with raises(InputError, "film.lost", match="does not show how far the robot walked"):
+        read_run(log(tmp_path, rig, design), design, rig, lambda what, part: None)
 
 
 def test_springs_that_share_an_output_are_refused_before_they_are_heated(

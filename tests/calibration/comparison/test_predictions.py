@@ -257,6 +257,40 @@ def test_a_run_that_ended_early_has_its_whole_cycles(driven: RecordedRun) -> Non
         motion(start + 0.5 * period)
 
 
+def test_cycles_after_a_pause_do_not_count(driven: RecordedRun) -> None:
+    """The interrupted cycle is played again a period later: by the schedule's times a robot that walks 0.02 m
+    in each cycle would stand still in one."""
+    start, period = driven.schedule.start_of_cycles, driven.schedule.period_s
+    t, none = np.arange(0, start + 4 * period, 0.1), np.zeros(0)
+    pause = start + 1.5 * period
+    shifted = np.where(t < pause, t, np.maximum(t - period, start + period))
+    x = np.stack([0.02 * (shifted - start) / period, np.full(len(t), 0.03)], axis=1)[:, None]
+    trajectory = Trajectory(("m1",), t, x)
+
+    def logged(*said: tuple[float, str]) -> LoggedRun:
+        statuses = tuple(
+            (at, "player", text) for at, text in (*said, (t[-1], RunResult(0.0, 0.0, 0.0).ended))
+        )
+        log = RunLog(
+            Path("log.mcap"), None, (), none, none.astype(bool), (), none, none, statuses, {}, 300, 0, None
+        )  # fmt: skip
+        return LoggedRun(driven.design, driven.schedule, driven.rig, log=log)
+
+    resumed = (pause + 1.0, "resumed: cycle 3 begins again")
+    run = logged((pause, "paused in cycle 3"), resumed)
+    motion, blind = run.motion(trajectory), logged().motion(trajectory)
+    walk = 5 * 0.02 / run.robot.body_length
+    assert motion.displacements() == pytest.approx([walk])
+    assert blind.cycles == 3 and blind.displacement() < 0.9 * walk, "a film that does not tell of the pause"
+    told = f"log.mcap holds 1 of 3 cycles that count; paused at {pause:.1f} s, later cycles do not count; "
+    assert run.describe_missing_cycles(motion.cycles).startswith(told)
+    for early in (2.0, start + 0.9 * period):
+        with raises(InputError, "log.too-short", match=f"paused at {early:.1f} s"):
+            logged((early, "paused in cycle 1"), resumed).motion(trajectory)
+    late = logged((start + 2 * period + 0.05, "paused in cycle 4"))
+    assert late.motion(trajectory).cycles == 2, "a pause between two cycles takes none of those before"
+
+
 def test_the_robot_has_hubs_unless_the_engine_moves_it(driven: RecordedRun) -> None:
     """The virtual robot that the engine moves has pins; one in MuJoCo and a real one have hubs."""
     paths = []

@@ -27,6 +27,7 @@ from eldir_calibration.comparison.motions import prepare_report
 from eldir_calibration.comparison.recorded_run import MeasuredConditions, open_run
 from eldir_calibration.dynamics._problem import compute_residual
 from eldir_calibration.dynamics.recording import FilmedBody, Measurements, Recording, predict_markers
+from eldir_calibration.identification import identification
 from eldir_calibration.identification.identification import read_filmed_gait, read_films, read_recording
 from eldir_hardware.log.recorder import Recorder
 from eldir_hardware.planning.compiler import compile_schedule
@@ -124,6 +125,15 @@ def test_a_film_does_not_count_twice(log: Path) -> None:
             prepare_report(twice, design, None)  # type: ignore[arg-type]  # before anything is predicted
     with raises(InputError, "file.missing", match=r"none\.mcap"):
         read_films([log, log.with_name("none.mcap")], design)
+
+
+def test_a_paused_run_is_not_identified_from(log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    design = Design.load(log.parent / "design.json")
+    run = open_run(log, design)
+    paused = replace(run, log=replace(run.log, statuses=((30.0, "player", "paused in cycle 2"),)))
+    monkeypatch.setattr(identification, "open_runs", lambda paths, design: [paused])
+    with raises(InputError, "adapt.paused", match=r"paused at 30\.0 s.*film the run again"):
+        read_films([log], design)
 
 
 def test_what_the_camera_saw_of_a_gait_is_kept(log: Path, recording: Recording) -> None:
