@@ -179,8 +179,8 @@ class DriftMonitor:
         corners = plane.to_pixels(board.corners)
         self._corners = dict(zip(board.ids, corners, strict=True))
         self._next_check = -np.inf
-        self.max_shift = 0.0
-        """Greatest median shift of the tags so far [px]."""
+        self.max_shift = math.nan
+        """Greatest median shift of the tags so far [px]; NaN until three of them were seen in a frame."""
 
     def check(self, image: Image, t: float) -> None:
         """Check a frame taken at t [s], every other second. Raises `InputError` if the camera has moved."""
@@ -193,7 +193,7 @@ class DriftMonitor:
         if len(shifts) < _MIN_SHIFTS:
             return
         shift = float(np.median(shifts))
-        self.max_shift = max(self.max_shift, shift)
+        self.max_shift = float(np.fmax(self.max_shift, shift))
         if shift > MAX_DRIFT:
             raise InputError(
                 f"the camera has moved since its plane was calibrated, at {t:.1f} s",

@@ -37,6 +37,7 @@ _LABEL_SIZE = (18.0, 10.0)  # room of a marker's name on the overlay [px]
 _MIN_BRIGHTNESS = 100  # of the brightest pixel [grey levels]
 _MIN_COLOUR_RANGE = 12  # largest difference of a pixel's colours [grey levels]
 _COARSE_ROWS = 24  # only every n-th row is compared first; this distinguishes most pictures
+_UNWATCHED = "The reference tags were not seen: whether the camera moved is unknown."
 FIRST_PICTURE_KEY = "first_picture_ns"
 """Name in a plane's provenance: stamp of the first picture that it was calibrated from [ns]."""
 _MAX_TRAIL = 600  # the overlay shows at most so many positions of each marker
@@ -89,14 +90,16 @@ def track_frames(
     if not tracker.acquired:
         raise _undetected_error(tracker, len(times), last_frame)
     motion = Trajectory(names, np.array(times), np.array(positions)).bridge()
+    shift = math.nan if drift is None else drift.max_shift
+    unwatched = drift is not None and math.isnan(shift)
     quality = TrackingQuality.of(
         motion,
         np.array(sizes),
         tracker.relative_size_error,
         duplicates.times,
         duplicates.pictures,
-        math.nan if drift is None else drift.max_shift,
-        tuple(tracker.notes),
+        shift,
+        (*tracker.notes, _UNWATCHED) if unwatched else tuple(tracker.notes),
     )
     return TrackingResult(motion, quality, last_frame, np.array(sizes))
 

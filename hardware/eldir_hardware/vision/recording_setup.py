@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -28,6 +30,10 @@ REPORTED_KEY = "reported_by"
 """In a lens's provenance: the message that it comes from, which tells no errors."""
 CALIBRATION_FRAMES = 10
 """Number of frames whose mean gives the plane, so that noise at the tags' corners averages out."""
+_UNCHECKED = (
+    "The reference tags are not seen in the first picture: whether the camera had moved since plane.json was "
+    "calibrated is not known from it."
+)
 
 
 def calibrate_from_frames(source: Source, board: TagBoard, **extra: str) -> Plane:
@@ -70,14 +76,19 @@ def find_recorded_plane(source: Source) -> Plane:
     """The plane that is attached to a log, or else a plane calibrated from its tags, pictures and lens.
 
     If the tags show that the camera had moved, or that the lens belongs to another camera, only the tags
-    are used, and the plane's provenance holds a remark. Raises `InputError` without plane and tags.
+    are used, and the plane's provenance holds a remark; so it does where the first picture does not show the
+    tags. Raises `InputError` without plane and tags.
     """
     plane = read_attachment(source.attachments, source.name, "plane.json", Plane.from_json)
     board = read_attached_board(source)
     extra = {}
     if plane is not None:
         require_not_expired(plane.provenance, recording_time(source), f"plane.json in {source.name}")
-        if board is None or _is_unmoved(source, plane):
+        unmoved = True if board is None else _is_unmoved(source, plane)
+        if unmoved is None:
+            remarks = filter(None, (plane.provenance.get("remark"), _UNCHECKED))
+            return replace(plane, provenance=plane.provenance | {"remark": " ".join(remarks)})
+        if unmoved:
             return plane
         extra["remark"] = (
             "The camera had moved since plane.json was calibrated: the log's own tags give the plane."
@@ -92,16 +103,19 @@ def find_recorded_plane(source: Source) -> Plane:
     return calibrate_from_frames(source, board, **extra)
 
 
-def _is_unmoved(source: Source, plane: Plane) -> bool:
-    """Whether the reference tags of the first picture are at their calibrated places."""
+def _is_unmoved(source: Source, plane: Plane) -> bool | None:
+    """Whether the reference tags of the first picture are at their calibrated places; None if fewer than
+    three of them are seen."""
     t, image = next(iter(source))
     plane.require_size(image.shape[1], image.shape[0])
+    if plane.board is None:
+        return True
+    tags = DriftMonitor(plane, plane.board)
     try:
-        if plane.board is not None:
-            DriftMonitor(plane, plane.board).check(image, t)
+        tags.check(image, t)
     except InputError:
         return False
-    return True
+    return None if math.isnan(tags.max_shift) else True
 
 
 def read_attached_design(source: Source) -> Design | None:

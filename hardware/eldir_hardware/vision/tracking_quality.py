@@ -47,9 +47,10 @@ class TrackingQuality(Record):
     size_resolution: Annotated[float, Rounded(6, ge=0)]
     """Relative change of a marker's apparent size with its position between pixels."""
     camera_drift_px: Number
-    """Distance that the reference tags moved in the picture [px]; null if there were none to watch."""
+    """Distance that the reference tags moved in the picture [px]; null if none were seen."""
     notes: tuple[str, ...] = ()
-    """Notes of the tracker on how it found the markers, such as objects that look like them."""
+    """Notes on how the markers were found, such as objects that look like them, and on tags that were not
+    seen."""
 
     @classmethod
     def of(

@@ -28,7 +28,7 @@ from eldir_hardware.vision.sources import LoggedFrames
 from eldir_hardware.vision.virtual_camera import VirtualCamera
 from tests.hardware.camera.lenses import lens_of
 from tests.hardware.rigs_and_schedules import rig_text
-from tests.hardware.vision.walking_films import SPACE, TIMES, film
+from tests.hardware.vision.walking_films import SPACE, TIMES, film, without_tags
 from tests.raised import raises
 
 SIZE = (640, 480)
@@ -170,6 +170,18 @@ def test_a_plane_kept_with_a_log_is_used_until_the_camera_moves(track_run, tmp_p
     np.testing.assert_allclose(found.to_pixels(middle) - kept.to_pixels(middle), [9, 0], atol=0.3)
     assert describe_plane(found).startswith("from the log's first frames")
     assert found.provenance["remark"].startswith("The camera had moved")
+
+
+def test_a_plane_whose_tags_are_not_seen_says_that_it_is_unchecked(track_run, tmp_path: Path) -> None:
+    """The camera was moved a tenth nearer after the tags were taken away."""
+    camera, images = track_run
+    kept = calibrate_plane(images[:3], camera.board)
+    nearer = cv2.getRotationMatrix2D((320, 240), 0.0, 1.1)
+    bare = [cv2.warpAffine(without_tags(image, camera), nearer, SIZE) for image in images]
+    files = {"tags.json": camera.board.to_json(), "plane.json": kept.to_json()}
+    found = find_recorded_plane(LoggedFrames(read_log(record(tmp_path / "a.mcap", bare, files=files))))
+    np.testing.assert_array_equal(found.homography, kept.homography)
+    assert found.provenance["remark"].startswith("The reference tags are not seen in the first picture")
 
 
 def test_a_calibration_that_had_expired_is_refused(track_run, tmp_path: Path) -> None:

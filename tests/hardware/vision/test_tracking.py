@@ -45,6 +45,7 @@ from tests.hardware.vision.walking_films import (
     rms_mm,
     truth,
     walk,
+    without_tags,
 )
 from tests.paths import SCHEMAS
 from tests.raised import raises
@@ -194,6 +195,19 @@ def test_a_camera_that_moves_is_named(filmed: Filmed) -> None:
     quality = track_frames(nudged, plane, layout=BODY[MARKED]).quality
     assert quality.camera_drift_px == pytest.approx(1.0, abs=0.1)
     assert any("drifted by 1.0 px" in r for r in quality.remarks(NAMES))
+
+
+def test_tags_that_were_never_seen_tell_no_drift(filmed: Filmed) -> None:
+    """The camera may have moved by any distance: null, and not 0.00 px."""
+    camera, frames, plane = filmed
+    bare = [(t, without_tags(image, camera)) for t, image in frames[:30]]
+    quality = track_frames(bare, plane, layout=BODY[MARKED]).quality
+    assert quality.to_json()["camera_drift_px"] is None
+    remark = "The reference tags were not seen: whether the camera moved is unknown."
+    assert remark in quality.remarks(NAMES)
+    later = [*bare[:25], *frames[25:50]]  # from 2.5 s on they are seen
+    quality = track_frames(later, plane, layout=BODY[MARKED]).quality
+    assert 0 <= quality.camera_drift_px < 0.2 and remark not in quality.remarks(NAMES)
 
 
 def test_motion_out_of_the_plane_shows_in_the_size(filmed: Filmed, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -56,6 +56,18 @@ def cover(image: np.ndarray, camera: VirtualCamera, place: np.ndarray, width: fl
     image[y - half : y + half + 1, x - half : x + half + 1] = 90
 
 
+def without_tags(image: np.ndarray, camera: VirtualCamera) -> np.ndarray:
+    """The picture where somebody took the reference tags away: the wall is grey there."""
+    bare = image.copy()
+    for corners in camera.plane.to_pixels(camera.board.corners):
+        (left, top), (right, bottom) = (
+            corners.min(axis=0).astype(int) - 8,
+            corners.max(axis=0).astype(int) + 9,
+        )
+        bare[max(top, 0) : bottom, max(left, 0) : right] = 90
+    return bare
+
+
 Filmed = tuple[VirtualCamera, list[tuple[float, np.ndarray]], Plane]
 
 
