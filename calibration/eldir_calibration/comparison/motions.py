@@ -97,6 +97,7 @@ def prepare_report(
             film.motion,
             _truncate(predicted, film.motion),
             fingerprint(run.log.path),
+            film_error=0.0 if film.departure is None else film.departure.certain_walk_error,
         )
         for run, film, predicted in zip(runs, tracked, predictions.own, strict=True)
     )
@@ -142,11 +143,11 @@ def _remarks(
     runs: Sequence[LoggedRun], tracked: Sequence[TrackedRun], first: FilmedRun, has_ground: bool
 ) -> tuple[str, ...]:
     """Remarks on the schedule, the tracking, incomplete logs and the plane of motion."""
-    main, film = runs[0], tracked[0]
-    remarks = [*_schedule_remarks(main.schedule), *film.quality.remarks(main.names)]
+    main = runs[0]
+    remarks = [*_schedule_remarks(main.schedule)]
     for run, one in zip(runs, tracked, strict=True):
-        for remark in filter(None, (describe_lost_cycles(one.loss), describe_departure(one.departure))):
-            remarks.append(remark if len(runs) == 1 else f"{run.log.path.name}: {remark}")
+        about_robot = describe_lost_cycles(one.loss), describe_departure(one.departure)
+        remarks += _name_log([*one.quality.remarks(run.names), *about_robot], run, runs)
     remarks += [
         text
         for run, one in zip(runs, tracked, strict=True)
@@ -167,11 +168,17 @@ def _remarks(
         remarks.append(main.design.parts_remark)
     if main.design.printed_terrain is not None:
         remarks.append(_ON_GROUND.format(ON_GROUND if has_ground else NOT_DRAWN))
-    if "remark" in film.plane.provenance:
-        remarks.append(film.plane.provenance["remark"])
+    for run, one in zip(runs, tracked, strict=True):
+        remarks += _name_log([one.plane.provenance.get("remark", "")], run, runs)
     if first.robot != INTACT:
         remarks.insert(0, f"No log is of the robot as designed; {first.log} is of one {first.robot}.")
     return tuple(remarks)
+
+
+def _name_log(remarks: Sequence[str], run: LoggedRun, runs: Sequence[LoggedRun]) -> list[str]:
+    """The remarks that are not empty; of several logs with the name of their log."""
+    name = "" if len(runs) == 1 else f"{run.log.path.name}: "
+    return [f"{name}{remark}" for remark in remarks if remark]
 
 
 def _provenance(runs: Sequence[LoggedRun], plane: Plane) -> dict[str, str]:

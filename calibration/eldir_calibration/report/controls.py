@@ -6,8 +6,9 @@ profiles of other bodies under the same schedule.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated
 
 import numpy as np
@@ -44,11 +45,15 @@ class FilmedRun:
     predicted: Motion
     fingerprint: str = ""
     """Identifies the log; empty if it was not read from a file."""
+    film_error: float = field(default=0.0, kw_only=True)
+    """By how much the filmed walk may be wrong because the robot left its plane [body lengths per five
+    cycles]."""
 
     @property
     def displacement(self) -> CycleMean:
-        """Filmed displacement in body lengths per five cycles, with its interval over cycles."""
-        return CycleMean.of(self.tracked.displacements())
+        """Filmed displacement in body lengths per five cycles, with its interval over cycles, wider by the
+        film's error."""
+        return _with_error(CycleMean.of(self.tracked.displacements()), self.film_error)
 
     @property
     def predicted_displacement(self) -> float:
@@ -57,35 +62,45 @@ class FilmedRun:
 
 
 def pool_displacements(runs: Sequence[FilmedRun]) -> dict[str, CycleMean]:
-    """Filmed displacement of each kind of robot over the cycles of all its runs, in the order of the runs."""
+    """Filmed displacement of each kind of robot, in the order of the runs. With several runs, the interval is
+    that of the runs' means: cycles of one run are alike, and their scatter shows nothing of other runs."""
     kinds = dict.fromkeys(run.robot for run in runs)
-    return {
-        kind: CycleMean.of(np.concatenate([r.tracked.displacements() for r in runs if r.robot == kind]))
-        for kind in kinds
-    }
+    return {kind: _mean_over_runs([run for run in runs if run.robot == kind]) for kind in kinds}
+
+
+def _mean_over_runs(runs: list[FilmedRun]) -> CycleMean:
+    """Mean displacement of runs of one kind, without those that show no walk."""
+    seen = [run for run in runs if np.isfinite(run.displacement.mean)]
+    if len(seen) < 2:
+        return (seen or runs)[0].displacement
+    means = np.array([run.displacement.mean for run in seen])
+    return _with_error(CycleMean.of(means), _mean([run.film_error for run in seen]))
+
+
+def _with_error(mean: CycleMean, error: float) -> CycleMean:
+    return CycleMean(mean.mean, mean.low - error, mean.high + error)
 
 
 def summarise_controls(runs: Sequence[FilmedRun]) -> list[str]:
-    """Sentences about the control robots: whether their intervals differ from the intact robot's."""
+    """Sentences about the control robots: whether their intervals differ from the intact robot's. "In these
+    runs", where the interval of one is only over cycles."""
     displacements = pool_displacements(runs)
     if INTACT not in displacements or len(displacements) == 1:
         return []
+    counts = Counter(run.robot for run in runs if np.isfinite(run.displacement.mean))
     sentences = []
     whole = displacements[INTACT]
     for kind, other in displacements.items():
         if kind == INTACT:
             continue
+        walks = f"The robot {kind} walks {other.mean:+.2f}, the intact one {whole.mean:+.2f}: "
         if np.isfinite([whole.low, whole.high, other.low, other.high]).all() and (
             other.high < whole.low or other.low > whole.high
         ):
-            sentences.append(
-                f"The robot {kind} walks {other.mean:+.2f}, the intact one {whole.mean:+.2f}: they differ."
-            )
+            scope = "" if min(counts[kind], counts[INTACT]) > 1 else " in these runs"
+            sentences.append(f"{walks}they differ{scope}.")
         else:
-            sentences.append(
-                f"The robot {kind} walks {other.mean:+.2f}, the intact one {whole.mean:+.2f}: their "
-                "intervals overlap, so these runs do not distinguish them."
-            )
+            sentences.append(f"{walks}their intervals overlap, so these runs do not distinguish them.")
     return sentences
 
 

@@ -139,7 +139,7 @@ class RunNumbers(Record):
     tracked: Number
     """Filmed displacement [body lengths per five cycles]."""
     tracked_interval: Interval
-    """95 % interval of the filmed displacement over cycles."""
+    """95 % interval of the filmed displacement over cycles; wider for a robot that left its plane."""
     predicted: Number
     """Predicted displacement of this robot under its schedule [body lengths per five cycles]."""
     cycles: Annotated[int, Field(ge=1)]
@@ -212,6 +212,12 @@ class OutOfPlaneNumbers(Record):
     """When all markers vanished for good [s]; null where they did not. Only cycles before it count."""
     fell: bool
     """Whether the markers show that it fell over sideways then."""
+
+    @property
+    def certain_walk_error(self) -> float:
+        """The error that counts [body lengths per five cycles]: 0 where the markers agree with a robot in its
+        plane."""
+        return self.walk_error if self.certain else 0.0
 
 
 @record

@@ -107,7 +107,7 @@ class ReportInput:
     def verdict(self) -> ReportVerdict:
         """The main finding."""
         departure = self.departure
-        error = departure.walk_error if departure is not None and departure.certain else 0.0
+        error = 0.0 if departure is None else departure.certain_walk_error
         verdict = evaluate_prediction(self.predicted, self.tracked, self.samples, error)
         if departure is None or departure.last_seen_s is None:
             return verdict
@@ -219,7 +219,8 @@ def _plots(
     }
     if len(content.runs) > 1:
         plots["runs"] = Plot(
-            "Each robot beside its prediction; camera with 95 % interval over cycles",
+            "Each robot beside its prediction; camera with 95 % interval over cycles, or over the runs of a "
+            "robot with several",
             partial(figures.draw_runs, content.runs),
         )
     if content.frame is not None and content.plane is not None:

@@ -74,6 +74,57 @@ def test_the_verdict_is_as_sure_as_the_intervals() -> None:
     assert summarise_controls([INTACT_RUN]) == [] and summarise_controls([WITHOUT]) == []
 
 
+def _runs(robot: str, *walks: float, error: float = 0.0) -> list[FilmedRun]:
+    """Runs of one robot that walk so far [body lengths per five cycles], each of five equal cycles but for
+    noise."""
+    return [
+        FilmedRun(
+            "a.mcap", robot, "", walker(speed=walk * LENGTH / 5, noise=1e-5), walker(), film_error=error
+        )
+        for walk in walks
+    ]
+
+
+def test_cycles_of_one_run_are_no_independent_runs() -> None:
+    """Two runs of each robot: Student's t with one degree of freedom is 12.71."""
+    runs = [*_runs(INTACT, 0.9, 1.5), *_runs("without a motor", 0.55, 0.75)]
+    together = pool_displacements(runs)
+    for kind, mean, half in ((INTACT, 1.2, 12.706 * 0.3), ("without a motor", 0.65, 12.706 * 0.1)):
+        found = together[kind]
+        assert (found.mean, found.low, found.high) == pytest.approx(
+            (mean, mean - half, mean + half), abs=0.01
+        )
+    assert "do not distinguish them" in summarise_controls(runs)[0]
+    many = [*_runs(INTACT, 1.1, 1.2, 1.3), *_runs("without a motor", 0.5, 0.6)]
+    assert "do not distinguish them" in summarise_controls(many)[0], "0.55 +- 0.64"
+    alike = [*_runs(INTACT, 1.1, 1.2, 1.3), *_runs("without a motor", 0.5, 0.55, 0.6)]
+    assert summarise_controls(alike)[0].endswith(": they differ.")
+    single = [*_runs(INTACT, 1.1, 1.2, 1.3), *_runs("without a motor", 0.5)]
+    assert summarise_controls(single)[0].endswith(": they differ in these runs.")
+
+
+def test_a_run_without_markers_does_not_count() -> None:
+    unseen = _runs(INTACT, 1.0)[0]
+    unseen.tracked.trajectory.positions.setflags(write=True)
+    unseen.tracked.trajectory.positions[:] = np.nan
+    (seen,) = _runs(INTACT, 1.2)
+    assert pool_displacements([unseen, seen]) == {INTACT: seen.displacement}
+    assert np.isnan(pool_displacements([unseen, unseen])[INTACT].mean)
+
+
+def test_a_robot_that_left_its_plane_is_less_surely_another() -> None:
+    """Films that are 0.4 apart, each of which may be wrong by 0.3."""
+    flat, left = (
+        [*_runs(INTACT, 1.0, error=error), *_runs("without a motor", 0.6, error=error)]
+        for error in (0.0, 0.3)
+    )
+    assert "they differ in these runs" in summarise_controls(flat)[0]
+    assert "do not distinguish them" in summarise_controls(left)[0]
+    assert left[0].displacement.low == pytest.approx(flat[0].displacement.low - 0.3)
+    pooled = [pool_displacements(_runs(INTACT, 1.0, 1.1, error=error))[INTACT] for error in (0.0, 0.3)]
+    assert pooled[1].high == pytest.approx(pooled[0].high + 0.3)
+
+
 def test_other_bodies_fit_less_than_the_own() -> None:
     tracked = walker(noise=1e-5)
     shifted = [walker(phase=p) for p in (0.25, 0.5)]
