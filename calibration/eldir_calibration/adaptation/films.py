@@ -178,7 +178,7 @@ def believe_films(
             if film.nominal.springs.current_limit == limit
         ),
         provenance=films[-1].provenance
-        | {"logs": [name for film in films for name in film.provenance["logs"]]}
+        | {key: [one for film in films for one in film.provenance[key]] for key in ("logs", "fingerprints")}
         | {"seed": config.seed, MISFIT: belief.misfit},
     )
     return scene, belief

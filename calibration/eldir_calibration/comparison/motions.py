@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -109,11 +110,12 @@ def prepare_report(
         simulated=predictions.evolved,
         predicted=filmed[0].predicted,
         before=predictions.before and _truncate(predictions.before, film.motion),
+        no_test="" if scene is None else _describe_fit(scene, filmed[0]),
         tracked=film.motion,
         heating=_heating(main),
         overlay=draw_overlay(film.frame, film.plane, film.motion.trajectory, ground),
         remarks=_remarks(runs, tracked, filmed[0], has_ground=ground is not None),
-        provenance=_provenance(runs, film.plane),
+        provenance=_provenance(runs, film.plane, scene),
         runs=filmed,
         others=compare_with_others(own, film.motion, predictions.others),
         quality=film.quality,
@@ -181,7 +183,18 @@ def _name_log(remarks: Sequence[str], run: LoggedRun, runs: Sequence[LoggedRun])
     return [f"{name}{remark}" for remark in remarks if remark]
 
 
-def _provenance(runs: Sequence[LoggedRun], plane: Plane) -> dict[str, str]:
+def _describe_fit(scene: PrintedScene, run: FilmedRun) -> str:
+    """Why a film does not test an identified robot: the robot was identified from it. Empty if it does.
+    Scenes of older versions have no fingerprints of their logs, but names."""
+    digests = scene.provenance.get("fingerprints")
+    if digests is None and run.log in scene.provenance.get("logs", ()):
+        return "a film of this name was used for the identification, so this may be no test"
+    if run.fingerprint in (digests or ()):
+        return "this film was used for the identification, so this is no test"
+    return ""
+
+
+def _provenance(runs: Sequence[LoggedRun], plane: Plane, scene: PrintedScene | None) -> dict[str, str]:
     main = runs[0]
     return {
         "log": ", ".join(run.log.path.name for run in runs),
@@ -192,9 +205,16 @@ def _provenance(runs: Sequence[LoggedRun], plane: Plane) -> dict[str, str]:
         "frames": ", ".join(str(run.log.frame_count) for run in runs),
         "lens": describe_camera(LoggedFrames(main.log)),
         "plane": describe_plane(plane),
+        **({} if scene is None else {"scene": _describe_scene(scene)}),
         "recovered": "; ".join(r.log.recovered for r in runs if r.log.recovered) or "none of the logs",
         "eldir": __version__,
     }
+
+
+def _describe_scene(scene: PrintedScene) -> str:
+    """From which logs a robot was identified, and the SHA-256 of its file."""
+    logs = ", ".join(scene.provenance.get("logs", ())) or "unknown logs"
+    return f"identified from {logs}; SHA-256 {hashlib.sha256(scene.to_text().encode()).hexdigest()}"
 
 
 def _truncate(predicted: Motion, tracked: Motion) -> Motion:

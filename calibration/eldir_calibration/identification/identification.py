@@ -33,6 +33,7 @@ from eldir_calibration.dynamics.recording import (
 )
 from eldir_calibration.dynamics.results import STOPPED, identify_robot
 from eldir_calibration.report.comparison import Motion
+from eldir_hardware.log.mcap_file import fingerprint
 from eldir_hardware.planning.compiler import extract_gait
 
 OTHER_JOINTS = (BuiltParameters().with_hubs(), BuiltParameters.clamped())
@@ -107,7 +108,12 @@ def read_films(
             for log, film in zip(runs, recordings, strict=True)
             if (s := read_filmed_gait(log, film)) is not None
         ],
-        {"eldir": __version__, "logs": [path.name for path in paths], "rig": first.rig.name},
+        {
+            "eldir": __version__,
+            "logs": [path.name for path in paths],
+            "fingerprints": [fingerprint(run.log.path) for run in runs],
+            "rig": first.rig.name,
+        },
         read_meters([(run.log, run.rig) for run in runs], hot=True),
         tuple(run.measured.room_c for run in runs),
         first.rig.tolerances.current_is_measured,

@@ -47,7 +47,7 @@ class ComparedNumbers(Record):
     """95 % over cycles; wider for a robot that left its plane."""
     agreement: AgreementLevel | None
     """agrees: the film lies within the prediction's interval; undecided: only its own interval reaches
-    inside; disagrees; null: unknown."""
+    inside, or the prediction was fitted to this film; disagrees; null: unknown."""
 
     @classmethod
     def entries(cls, one: ComparedQuantity) -> dict[str, Any]:

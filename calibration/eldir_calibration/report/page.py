@@ -83,6 +83,8 @@ class ReportInput:
     heating: HeatingRecord
     before: Motion | None = None
     """The prediction of the nominal robot, where `predicted` is of an identified one."""
+    no_test: str = ""
+    """Why an agreement would be no test; empty if it is one."""
     overlay: bytes | None = None
     """PNG of a frame with the tracks drawn in."""
     remarks: tuple[str, ...] = ()
@@ -108,7 +110,7 @@ class ReportInput:
         """The main finding."""
         departure = self.departure
         error = 0.0 if departure is None else departure.certain_walk_error
-        verdict = evaluate_prediction(self.predicted, self.tracked, self.samples, error)
+        verdict = evaluate_prediction(self.predicted, self.tracked, self.samples, error, no_test=self.no_test)
         if departure is None or departure.last_seen_s is None:
             return verdict
         how = "fell over sideways" if departure.fell else "was lost"

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -91,17 +91,24 @@ class ComparedQuantity:
     """Filmed, with its interval over cycles if there is one."""
     resolution: float = 0.0
     """Differences below it are not seen by the camera."""
+    no_test: str = field(default="", kw_only=True)
+    """Why a film within the interval is no test, such as that the prediction was fitted to it; empty if it is
+    one."""
+
+    @property
+    def is_inside(self) -> bool:
+        """Whether the film lies within the interval of the prediction, as far as the camera sees."""
+        inside = self.predicted.low <= self.tracked.mean <= self.predicted.high
+        return inside or abs(self.tracked.mean - self.predicted.mean) < self.resolution
 
     @property
     def agreement(self) -> AgreementLevel | None:
         """Whether the film lies within the interval of the prediction; "undecided" if it lies outside, but
-        its own interval reaches inside. None if either is unknown."""
+        its own interval reaches inside, and if it lies within and is no test. None if either is unknown."""
         if not np.isfinite([self.predicted.low, self.predicted.high, self.tracked.mean]).all():
             return None
-        if self.predicted.low <= self.tracked.mean <= self.predicted.high:
-            return "agrees"
-        if abs(self.tracked.mean - self.predicted.mean) < self.resolution:
-            return "agrees"
+        if self.is_inside:
+            return "undecided" if self.no_test else "agrees"
         reaches = self.tracked.low <= self.predicted.high and self.predicted.low <= self.tracked.high
         return "undecided" if reaches else "disagrees"
 
@@ -147,9 +154,14 @@ class ReportVerdict:
 
     @property
     def sentence(self) -> str:
-        """Whether they agree, in one sentence; in a second one whether the robot was lost."""
+        """Whether they agree, in one sentence; in further ones why that is no test, and whether the robot was
+        lost."""
         if self.walk.agreement is not None:
-            return " ".join(filter(None, (_AGREEMENT_SENTENCES[self.walk.agreement], self.lost)))
+            sentence = _AGREEMENT_SENTENCES[self.walk.agreement]
+            if self.walk.no_test and self.walk.is_inside:
+                sentence = "Not decided: the film lies within the prediction's interval."
+            no_test = f"But {self.walk.no_test}." if self.walk.no_test else ""
+            return " ".join(filter(None, (sentence, no_test, self.lost)))
         if not math.isfinite(self.walk.tracked.mean):
             return "It is unknown whether they agree: nothing was filmed."
         return f"It is unknown whether they agree: {_too_few_samples(self)}."
@@ -161,16 +173,23 @@ class ReportVerdict:
 
 
 def evaluate_prediction(
-    predicted: Motion, tracked: Motion, samples: SampledMotions | None, film_error: float = 0.0
+    predicted: Motion,
+    tracked: Motion,
+    samples: SampledMotions | None,
+    film_error: float = 0.0,
+    *,
+    no_test: str = "",
 ) -> ReportVerdict:
     """Compare the film with the samples of the predicted robot; without samples nothing is decided.
-    `film_error`: of the filmed walk of a robot that left its plane [body lengths per five cycles]."""
+    `film_error`: of the filmed walk of a robot that left its plane [body lengths per five cycles]; `no_test`:
+    why an agreement would be no test."""
     names = tracked.trajectory.names
     samples = samples or SampledMotions.of([], len(names))
     walk = ComparedQuantity(
         predicted.displacement(),
         prediction_interval(samples.walks),
         _widen(CycleMean.of(tracked.displacements()), film_error),
+        no_test=no_test,
     )
     motions: list[MarkerMotion] = []
     range_means = [CycleMean.of(r) for r in tracked.vertical_ranges().T]

@@ -28,6 +28,7 @@ from eldir_calibration.adaptation.loop import adapt
 from eldir_calibration.adaptation.page import RunRow, quantity_rows
 from eldir_calibration.adaptation.runs import Adaptation, AdaptationRun, Fault, SupplyAdvice
 from eldir_calibration.dynamics.belief import Belief, BeliefConfig
+from eldir_hardware.log.mcap_file import fingerprint
 from eldir_hardware.schedule import ActuationSchedule
 from tests.calibration.adaptation.hidden_bench import IMPOSSIBLE, OFF, Bench, files
 from tests.calibration.adaptation.short_adaptation import FEW, shorten
@@ -54,6 +55,7 @@ def test_every_run_is_kept_and_the_best_one_is_the_result(bench: Bench) -> None:
     before, after = PrintedScene.load(out / "run_02" / "belief.json"), PrintedScene.load(out / "belief.json")
     assert len(before.filmed_gaits) == 1 and len(after.filmed_gaits) == 2
     assert after.provenance["logs"] == ["run_01.mcap", "run_02.mcap"]
+    assert after.provenance["fingerprints"] == [fingerprint(out / run.log) for run in found.runs]
     assert after.provenance["misfit"] > 1.0, "eight members explain no film"
     assert found.heat is None and not found.advice, "such a belief tells nothing of heat and current"
 

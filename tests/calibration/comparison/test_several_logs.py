@@ -1,7 +1,8 @@
-"""What a report on several logs says of each film."""
+"""What a report says of each of its logs, and of those that a scene was identified from."""
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -9,12 +10,14 @@ from typing import Any
 
 import numpy as np
 
+from eldir.built.scene import PrintedScene
 from eldir.trajectory import Trajectory
-from eldir_calibration.comparison.motions import TrackedRun, _remarks
+from eldir_calibration.comparison.motions import TrackedRun, _describe_fit, _describe_scene, _remarks
 from eldir_calibration.comparison.recorded_run import LoggedRun
 from eldir_calibration.report.controls import INTACT, FilmedRun
 from eldir_hardware.camera.plane import Plane
 from eldir_hardware.vision.tracking_quality import TrackingQuality
+from tests.calibration.dynamics.hidden_rigs import SOFT
 from tests.calibration.report.striding_walkers import CYCLES, walker
 from tests.eldir.random_design import make_design
 from tests.hardware.rigs_and_schedules import RIG, SCHEDULE
@@ -53,3 +56,27 @@ def test_every_film_has_its_remarks_under_its_name() -> None:
 def test_one_film_needs_no_name() -> None:
     found = remarks(("b.mcap",), (film(SECOND_SET, remark="The camera had moved."),))
     assert found == (SECOND_SET, "The camera had moved.")
+
+
+def test_a_film_that_a_scene_was_identified_from_does_not_test_it() -> None:
+    scene = PrintedScene.of(SOFT, ("friction",), 0.01 * np.eye(1))
+    one, other = "1" * 64, "2" * 64
+    fitted = FilmedRun("log.mcap", INTACT, "", walker(), walker(), one)
+    known = replace(scene, provenance={"logs": ["log.mcap"], "fingerprints": [one]})
+    assert _describe_fit(known, fitted).startswith("this film was used for the identification")
+    assert _describe_fit(known, replace(fitted, log="renamed.mcap", fingerprint=one))
+    assert _describe_fit(known, replace(fitted, fingerprint=other)) == "", "another film of that name"
+    older = replace(scene, provenance={"logs": ["log.mcap"]})
+    assert _describe_fit(older, fitted).startswith("a film of this name was used")
+    assert _describe_fit(older, replace(fitted, log="new.mcap")) == ""
+    assert _describe_fit(scene, fitted) == ""
+
+
+def test_a_report_names_the_scene(tmp_path: Path) -> None:
+    """By the digest of its file, as sha256sum prints it."""
+    scene = PrintedScene.of(SOFT, ("friction",), 0.01 * np.eye(1))
+    scene = replace(scene, provenance={"logs": ["a.mcap", "b.mcap"]})
+    scene.save(tmp_path / "scene.json")
+    digest = hashlib.sha256((tmp_path / "scene.json").read_bytes()).hexdigest()
+    loaded = PrintedScene.load(tmp_path / "scene.json")
+    assert _describe_scene(loaded) == f"identified from a.mcap, b.mcap; SHA-256 {digest}"

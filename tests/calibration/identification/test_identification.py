@@ -29,6 +29,7 @@ from eldir_calibration.dynamics._problem import compute_residual
 from eldir_calibration.dynamics.recording import FilmedBody, Measurements, Recording, predict_markers
 from eldir_calibration.identification import identification
 from eldir_calibration.identification.identification import read_filmed_gait, read_films, read_recording
+from eldir_hardware.log.mcap_file import fingerprint
 from eldir_hardware.log.recorder import Recorder
 from eldir_hardware.planning.compiler import compile_schedule
 from eldir_hardware.rig.configuration import Rig
@@ -141,6 +142,7 @@ def test_what_the_camera_saw_of_a_gait_is_kept(log: Path, recording: Recording) 
     design = Design.load(log.parent / "design.json")
     films = read_films([log], design)
     (seen,) = films.filmed_gaits
+    assert films.provenance["fingerprints"] == [fingerprint(log)]
     marks = recording.tracked.positions[:, : len(design.marks), 0]
     ends = [np.nanmean(marks[np.abs(recording.tracked.times - t) < 1.0]) for t in (23.0, 63.0)]
     walked = (ends[1] - ends[0]) / build(design.morphology).body_length * 5 / 2

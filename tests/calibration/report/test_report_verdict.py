@@ -94,6 +94,18 @@ def test_a_walk_out_of_the_plane_is_less_certain():
     assert "over cycles and out of the plane)" in left.text and "out of the plane" not in flat.text
 
 
+@pytest.mark.parametrize("speed, level", [(0.0112, "undecided"), (0.0300, "disagrees")])
+def test_a_film_that_was_fitted_does_not_agree(speed, level):
+    """Within the interval it would agree; outside, the model does not even describe its own film."""
+    reason = "this film was used for the identification, so this is no test"
+    predicted, film = walker(speed=0.0105), walker(speed=speed, noise=1e-5)
+    v = evaluate_prediction(predicted, film, sampled(), no_test=reason)
+    assert v.walk.agreement == level and v.sentence.endswith(f"But {reason}.")
+    within = "Not decided: the film lies within the prediction's interval."
+    assert v.sentence.startswith(within if level == "undecided" else "They disagree: ")
+    assert v.sentence in v.text and "They agree" not in v.text
+
+
 def test_the_motion_that_disagrees_most_is_named():
     """Marker two lifts twice as far as marker one; only its lift is wrong on film."""
     film = walker()
