@@ -20,6 +20,7 @@ from eldir_app.catalogue.listing import signed, version_and_date
 from eldir_calibration.comparison.motions import track_run
 from eldir_calibration.comparison.recorded_run import LoggedRun, read_run
 from eldir_calibration.report.comparison import PHASE_SAMPLES, Motion
+from eldir_calibration.report.verdict import RobotLoss
 
 # Okabe and Ito's palette, with a line style for each colour, so that a grey print can be read too.
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000", "#8A8A00")
@@ -34,6 +35,8 @@ class ComparedRun:
     name: str
     run: LoggedRun
     motion: Motion
+    loss: RobotLoss | None = None
+    """When the robot fell or got out of sight; None where it did not."""
 
     @property
     def predicted(self) -> float | None:
@@ -48,7 +51,8 @@ def compared_run(log: Path, progress: Callable[[int, int], None]) -> ComparedRun
     one that ends before a whole cycle."""
     run = read_run(log)
     total = run.log.frame_count
-    return ComparedRun(str(log), run, track_run(run, lambda frames: progress(frames, total)).motion)
+    film = track_run(run, lambda frames: progress(frames, total))
+    return ComparedRun(str(log), run, film.motion, film.loss)
 
 
 def write_comparison(runs: Sequence[ComparedRun], page: Path) -> None:
@@ -65,6 +69,8 @@ def write_comparison(runs: Sequence[ComparedRun], page: Path) -> None:
         ("filmed", [signed(one.motion.displacement()) for one in runs]),
         ("filmed, mm in a cycle", [f"{_millimetres(one):+.0f}" for one in runs]),
     ]
+    if any(one.loss for one in runs):
+        rows.append(("fell or was lost", ["no" if one.loss is None else one.loss.phrase for one in runs]))
     left_out = "" if _have_temperatures(runs) else "temperatures: no log has them"
     text = page_templates("eldir_app.catalogue").get_template("comparison.html").render(
         names=[one.name for one in runs], rows=rows, figures=pictures, left_out=left_out,

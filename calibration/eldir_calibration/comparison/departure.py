@@ -8,13 +8,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from eldir.built.gait import CYCLES
-from eldir.core.records import IntArray
+from eldir.core.records import FloatArray, IntArray
 from eldir.design import Design
 from eldir.errors import InputError
 from eldir.trajectory import Trajectory
 from eldir_cad.kit.specification import load_specification
+from eldir_calibration.dynamics.recording import find_fall
 from eldir_calibration.report.comparison import Motion
 from eldir_calibration.report.numbers import OutOfPlaneNumbers
+from eldir_calibration.report.verdict import RobotLoss
 from eldir_hardware.camera.plane import Plane
 from eldir_hardware.vision.out_of_plane import Interval95, MarkerLoss, PlaneDeparture, PlaneObserver
 from eldir_hardware.vision.pipeline import TrackingResult
@@ -48,38 +50,45 @@ def observe_standing(found: TrackingResult, design: Design, plane: Plane, focal:
     return Standing(observer, standing, loss)
 
 
-def require_whole_cycle(standing: Standing, first_cycle_end: float, name: str) -> None:
-    """Raise `InputError` where all markers vanished before the first cycle that counts had ended [s]."""
-    loss = standing.loss
-    if loss is not None and loss.last_seen_s < first_cycle_end:
+def find_loss(standing: Standing, rest: FloatArray | None) -> RobotLoss | None:
+    """When a filmed robot fell or got out of sight, whichever came first; None where it did not. `rest`
+    (K, 2) [m]: positions of its markers at rest; None: falls in the plane of motion are not looked for."""
+    fall = None if rest is None else find_fall(rest, standing.trajectory)
+    if fall is not None:
+        return RobotLoss(fall, "fell")
+    lost = standing.loss
+    if lost is None:
+        return None
+    return RobotLoss(lost.last_seen_s, "fell sideways" if lost.fell else "lost")
+
+
+def require_whole_cycle(loss: RobotLoss | None, first_cycle_end: float, name: str) -> None:
+    """Raise `InputError` for a robot that was lost before the first cycle that counts had ended [s]."""
+    if loss is not None and loss.time_s < first_cycle_end:
         raise InputError(
-            f"{name}: no marker is seen until the first cycle that counts ends",
+            f"{name}: the robot fell or got out of sight before the first cycle that counts had ended",
             code="film.lost",
-            expected=f"a robot that stands, and is seen, for {first_cycle_end:.0f} s",
+            expected=f"a robot that stands as designed, and is seen, for {first_cycle_end:.0f} s",
             found=describe_loss(loss),
             remedy="see on the film what happened; faces that heat differently make a robot fall sideways",
         )
 
 
-def describe_loss(loss: MarkerLoss | None) -> str:
-    """A phrase on how the robot got out of sight; empty where it did not."""
-    if loss is None:
-        return ""
-    if loss.fell:
-        return f"the robot fell over sideways at {loss.last_seen_s:.1f} s"
-    return f"no marker after {loss.last_seen_s:.1f} s: it fell over, left the picture or was covered"
+def describe_loss(loss: RobotLoss) -> str:
+    """A phrase on how the robot was lost."""
+    if loss.kind != "lost":
+        return f"the robot {loss.phrase}"
+    return f"no marker after {loss.time_s:.1f} s: it fell over, left the picture or was covered"
 
 
-def describe_lost_cycles(loss: MarkerLoss | None) -> str:
-    """A sentence for a reader of the walk; empty where the robot stayed in sight."""
+def describe_lost_cycles(loss: RobotLoss | None) -> str:
+    """A sentence for a reader of the walk; empty where the robot stayed upright and in sight."""
     if loss is None:
         return ""
-    if loss.fell:
-        return (
-            f"The robot fell over sideways at {loss.last_seen_s:.1f} s: only cycles that ended before count."
-        )
+    if loss.kind != "lost":
+        return f"The robot {loss.phrase}: only cycles that ended before count."
     return (
-        f"No marker was seen after {loss.last_seen_s:.1f} s: the robot fell over, left the picture or was "
+        f"No marker was seen after {loss.time_s:.1f} s: the robot fell over, left the picture or was "
         "covered. Only cycles that ended before count."
     )
 

@@ -17,6 +17,7 @@ from eldir.parameters.wiring import select_motors
 from eldir_calibration.comparison.departure import (
     describe_departure,
     describe_lost_cycles,
+    find_loss,
     measure_departure,
     observe_standing,
     require_whole_cycle,
@@ -28,11 +29,11 @@ from eldir_calibration.report.comparison import Motion
 from eldir_calibration.report.controls import INTACT, FilmedRun, compare_with_others
 from eldir_calibration.report.numbers import OutOfPlaneNumbers
 from eldir_calibration.report.page import HeatingRecord, ReportInput
+from eldir_calibration.report.verdict import RobotLoss
 from eldir_hardware.camera.plane import Image, Plane
 from eldir_hardware.log.mcap_file import fingerprint
 from eldir_hardware.safety.compatibility import compare_wiring, packet_wiring
 from eldir_hardware.schedule import ActuationSchedule
-from eldir_hardware.vision.out_of_plane import MarkerLoss
 from eldir_hardware.vision.pipeline import draw_overlay, track_frames
 from eldir_hardware.vision.printed_ground import NOT_DRAWN, ON_GROUND
 from eldir_hardware.vision.recording_setup import (
@@ -62,8 +63,8 @@ class TrackedRun:
     """The frame at the start of the cycles that count."""
     departure: OutOfPlaneNumbers | None = None
     """How far the robot was out of its plane; None if unknown."""
-    loss: MarkerLoss | None = None
-    """When all markers vanished for good; None where they did not."""
+    loss: RobotLoss | None = None
+    """When the robot fell, or all its markers vanished for good; None where they did not."""
 
 
 def prepare_report(
@@ -98,6 +99,7 @@ def prepare_report(
             film.motion,
             _truncate(predicted, film.motion),
             fingerprint(run.log.path),
+            loss=film.loss,
             film_error=0.0 if film.departure is None else film.departure.certain_walk_error,
         )
         for run, film, predicted in zip(runs, tracked, predictions.own, strict=True)
@@ -226,8 +228,10 @@ def _offset_progress(done: int, total: int, progress: Callable[[int, int], None]
     return lambda frames: progress(done + frames, total)
 
 
-def track_run(run: LoggedRun, progress: Callable[[int], None]) -> TrackedRun:
-    """Tracks the frames of a log; `progress` is called with the number of frames so far."""
+def track_run(run: LoggedRun, progress: Callable[[int], None], *, through_falls: bool = False) -> TrackedRun:
+    """Tracks the frames of a log; `progress` is called with the number of frames so far. Only cycles count
+    that ended before the robot fell or got out of sight. `through_falls`: also those after a fall with all
+    markers in sight, which the caller looks for."""
     source = LoggedFrames(run.log)
     plane = find_recorded_plane(source)
     found = track_frames(source, plane, run.names, marker_layout(run.design), progress, run.rig.marker)
@@ -236,13 +240,14 @@ def track_run(run: LoggedRun, progress: Callable[[int], None]) -> TrackedRun:
     lens = find_recorded_lens(source)
     standing = observe_standing(found, run.design, plane, None if lens is None else float(lens.focal_px[0]))
     s = run.schedule
-    require_whole_cycle(standing, s.start_of_cycles + s.period_s, str(run.log.path))
+    loss = find_loss(standing, None if through_falls else run.robot.positions[run.design.marks])
+    require_whole_cycle(loss, s.start_of_cycles + s.period_s, str(run.log.path))
     motion = run.motion(standing.trajectory)
-    if standing.loss is not None:
-        whole = int((standing.loss.last_seen_s - s.start_of_cycles) / s.period_s)
+    if loss is not None:
+        whole = int((loss.time_s - s.start_of_cycles) / s.period_s)
         motion = replace(motion, cycles=min(motion.cycles, whole))
     departure = measure_departure(standing, motion)
-    return TrackedRun(motion, found.quality, plane, frame, departure, standing.loss)
+    return TrackedRun(motion, found.quality, plane, frame, departure, loss)
 
 
 def _describe_wiring(run: RecordedRun) -> str:

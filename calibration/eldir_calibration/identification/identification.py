@@ -189,7 +189,7 @@ def read_recording(run: LoggedRun, progress: Callable[[int], None] = lambda fram
     back."""
     log, names, loss = run.log, run.names, None
     if log.frame_count:
-        tracked = track_run(run, progress)
+        tracked = track_run(run, progress, through_falls=True)
         motion, loss = tracked.motion, tracked.loss
     elif log.tracks is not None and log.tracks.names == names:
         motion = run.motion(log.tracks)
@@ -206,7 +206,7 @@ def read_recording(run: LoggedRun, progress: Callable[[int], None] = lambda fram
         motion.start,
         motion.period,
         motion.cycles,
-        loss.last_seen_s if loss is not None and loss.fell else None,
+        loss.time_s if loss is not None and loss.kind == "fell sideways" else None,
         run.measured.room_c,
     )
 

@@ -21,6 +21,7 @@ from eldir.genotype import random_genotypes
 from eldir.morphology import develop
 from eldir.parameters.robot import RobotParameters
 from eldir_calibration.report.comparison import CycleMean, Motion, agreements
+from eldir_calibration.report.verdict import RobotLoss
 
 INTACT = "intact"
 PAPER_DISPLACEMENTS = {INTACT: 0.8, "without a motor": 0.0, "without a motor, with ballast": -0.4}
@@ -45,6 +46,8 @@ class FilmedRun:
     predicted: Motion
     fingerprint: str = ""
     """Identifies the log; empty if it was not read from a file."""
+    loss: RobotLoss | None = field(default=None, kw_only=True)
+    """When the robot fell or got out of sight; None where it did not."""
     film_error: float = field(default=0.0, kw_only=True)
     """By how much the filmed walk may be wrong because the robot left its plane [body lengths per five
     cycles]."""

@@ -18,6 +18,7 @@ from eldir_calibration.report.verdict import (
     ComparedQuantity,
     MarkerMotion,
     ReportVerdict,
+    RobotLoss,
 )
 from eldir_hardware.vision.tracking_quality import TrackingQuality
 
@@ -47,7 +48,8 @@ class ComparedNumbers(Record):
     """95 % over cycles; wider for a robot that left its plane."""
     agreement: AgreementLevel | None
     """agrees: the film lies within the prediction's interval; undecided: only its own interval reaches
-    inside, or the prediction was fitted to this film; disagrees; null: unknown."""
+    inside, the prediction was fitted to this film, or the robot was lost before the end of the run;
+    disagrees; null: unknown."""
 
     @classmethod
     def entries(cls, one: ComparedQuantity) -> dict[str, Any]:
@@ -146,6 +148,9 @@ class RunNumbers(Record):
     """Number of cycles that count."""
     fingerprint: Annotated[str | None, Field(pattern="^[0-9a-f]{64}$"), OMITTED] = None
     """SHA-256 of the log's size and of its last 64 KiB."""
+    loss: Annotated[RobotLoss | None, OMITTED] = None
+    """When the robot fell or got out of sight before the end of the run; missing where it did not, and in
+    older files."""
 
 
 @record

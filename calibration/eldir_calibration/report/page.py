@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
@@ -110,12 +110,10 @@ class ReportInput:
         """The main finding."""
         departure = self.departure
         error = 0.0 if departure is None else departure.certain_walk_error
-        verdict = evaluate_prediction(self.predicted, self.tracked, self.samples, error, no_test=self.no_test)
-        if departure is None or departure.last_seen_s is None:
-            return verdict
-        how = "fell over sideways" if departure.fell else "was lost"
-        lost = f"But the robot {how} at {departure.last_seen_s:.1f} s; only cycles that ended before count."
-        return replace(verdict, lost=lost)
+        loss = self.runs[0].loss if self.runs else None
+        return evaluate_prediction(
+            self.predicted, self.tracked, self.samples, error, loss=loss, no_test=self.no_test
+        )
 
 
 def write_report(content: ReportInput, folder: Path) -> MotionReport:
@@ -278,7 +276,7 @@ def _report_numbers(
     runs = (
         RunNumbers(
             run.log, run.robot, run.detail, run.displacement.mean, to_interval(run.displacement),
-            run.predicted_displacement, run.tracked.cycles, run.fingerprint or None,
+            run.predicted_displacement, run.tracked.cycles, run.fingerprint or None, run.loss,
         )
         for run in content.runs
     )  # fmt: skip

@@ -9,12 +9,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
 from eldir.built.samples import CONFIDENCE_LEVEL, interval_reach
-from eldir.core.records import FloatArray, Record
+from eldir.core.records import FloatArray, Record, Rounded, record
 from eldir_calibration.report.comparison import CycleMean, Motion, MotionReport, mean_cycle
 
 VERTICAL_RANGE, HORIZONTAL_SWING = "vertical range", "horizontal swing"
@@ -25,6 +25,23 @@ _AGREEMENT_SENTENCES = {
     "inside.",
     "disagrees": "They disagree: the film lies outside the prediction's interval.",
 }
+_HOW_LOST = {"fell": "fell over", "fell sideways": "fell over sideways", "lost": "was lost"}
+
+
+@record
+class RobotLoss(Record):
+    """The robot fell, or all its markers vanished for good: what was filmed from then on is no walk."""
+
+    time_s: Annotated[float, Rounded(3, ge=0)]
+    """When it first lay on its side, or when a marker was last seen [s since the start of the run]."""
+    kind: Literal["fell", "fell sideways", "lost"]
+    """fell: it toppled in its plane of motion; fell sideways: the strips between its markers looked shorter,
+    then no marker was seen; lost: no marker was seen, because it fell, left the picture or was covered."""
+
+    @property
+    def phrase(self) -> str:
+        """What the robot did, and when."""
+        return f"{_HOW_LOST[self.kind]} at {self.time_s:.1f} s"
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,9 +108,9 @@ class ComparedQuantity:
     """Filmed, with its interval over cycles if there is one."""
     resolution: float = 0.0
     """Differences below it are not seen by the camera."""
-    no_test: str = field(default="", kw_only=True)
-    """Why a film within the interval is no test, such as that the prediction was fitted to it; empty if it is
-    one."""
+    is_test: bool = field(default=True, kw_only=True)
+    """Whether a film within the interval shows that they agree: not where the robot was lost before the end
+    of the run, or the prediction was fitted to this film."""
 
     @property
     def is_inside(self) -> bool:
@@ -108,7 +125,7 @@ class ComparedQuantity:
         if not np.isfinite([self.predicted.low, self.predicted.high, self.tracked.mean]).all():
             return None
         if self.is_inside:
-            return "undecided" if self.no_test else "agrees"
+            return "agrees" if self.is_test else "undecided"
         reaches = self.tracked.low <= self.predicted.high and self.predicted.low <= self.tracked.high
         return "undecided" if reaches else "disagrees"
 
@@ -143,8 +160,11 @@ class ReportVerdict:
     film_error: float = 0.0
     """By how much the film's interval is wider because the robot left its plane [body lengths per five
     cycles]."""
-    lost: str = ""
-    """How the robot got out of sight before the end of the run; empty where it did not."""
+    loss: RobotLoss | None = None
+    """When the robot fell or got out of sight before the end of the run; None where it did not."""
+    no_test: str = ""
+    """Another reason why a film within the interval is no test, such as that the prediction was fitted to it;
+    empty if it is one."""
 
     @property
     def worst(self) -> MarkerMotion | None:
@@ -154,17 +174,17 @@ class ReportVerdict:
 
     @property
     def sentence(self) -> str:
-        """Whether they agree, in one sentence; in further ones why that is no test, and whether the robot was
-        lost."""
+        """Whether they agree, in one sentence; in further ones why the film is no test of it."""
         if self.walk.agreement is not None:
             sentence = _AGREEMENT_SENTENCES[self.walk.agreement]
-            if self.walk.no_test and self.walk.is_inside:
+            if self.walk.is_inside and not self.walk.is_test:
                 sentence = "Not decided: the film lies within the prediction's interval."
-            no_test = f"But {self.walk.no_test}." if self.walk.no_test else ""
-            return " ".join(filter(None, (sentence, no_test, self.lost)))
-        if not math.isfinite(self.walk.tracked.mean):
-            return "It is unknown whether they agree: nothing was filmed."
-        return f"It is unknown whether they agree: {_too_few_samples(self)}."
+        elif not math.isfinite(self.walk.tracked.mean):
+            sentence = "It is unknown whether they agree: nothing was filmed."
+        else:
+            sentence = f"It is unknown whether they agree: {_too_few_samples(self)}."
+        lost = f"the robot {self.loss.phrase}; only cycles that ended before count" if self.loss else ""
+        return " ".join([sentence, *(f"But {why}." for why in (lost, self.no_test) if why)])
 
     @property
     def text(self) -> str:
@@ -178,18 +198,19 @@ def evaluate_prediction(
     samples: SampledMotions | None,
     film_error: float = 0.0,
     *,
+    loss: RobotLoss | None = None,
     no_test: str = "",
 ) -> ReportVerdict:
     """Compare the film with the samples of the predicted robot; without samples nothing is decided.
-    `film_error`: of the filmed walk of a robot that left its plane [body lengths per five cycles]; `no_test`:
-    why an agreement would be no test."""
+    `film_error`: of the filmed walk of a robot that left its plane [body lengths per five cycles]; `loss`: of
+    a robot that fell or got out of sight; `no_test`: another reason why an agreement would be no test."""
     names = tracked.trajectory.names
     samples = samples or SampledMotions.of([], len(names))
     walk = ComparedQuantity(
         predicted.displacement(),
         prediction_interval(samples.walks),
         _widen(CycleMean.of(tracked.displacements()), film_error),
-        no_test=no_test,
+        is_test=loss is None and not no_test,
     )
     motions: list[MarkerMotion] = []
     range_means = [CycleMean.of(r) for r in tracked.vertical_ranges().T]
@@ -210,7 +231,7 @@ def evaluate_prediction(
                     quantity,
                 )
             )
-    return ReportVerdict(walk, len(samples.walks), samples.fell, tuple(motions), film_error)
+    return ReportVerdict(walk, len(samples.walks), samples.fell, tuple(motions), film_error, loss, no_test)
 
 
 def with_sample_intervals(report: MotionReport, verdict: ReportVerdict) -> MotionReport:

@@ -12,6 +12,7 @@ from eldir.trajectory import Trajectory
 from eldir_calibration.comparison.departure import (
     describe_departure,
     describe_lost_cycles,
+    find_loss,
     marked_strips,
     measure_departure,
     observe_standing,
@@ -90,11 +91,13 @@ def test_a_robot_that_is_lost_walks_no_further_and_that_is_said(fell: bool) -> N
         if fell
         else "No marker was seen after 21.0 s: the robot fell"
     )
-    assert describe_lost_cycles(loss).startswith(said) and describe_lost_cycles(None) == ""
-    require_whole_cycle(standing, 17.0, "log.mcap")
+    lost = find_loss(standing, REST)
+    assert lost is not None and lost.time_s == loss.last_seen_s
+    assert describe_lost_cycles(lost).startswith(said) and describe_lost_cycles(None) == ""
+    require_whole_cycle(lost, 17.0, "log.mcap")
     found = "the robot fell over" if fell else "no marker after"
     with raises(InputError, "film.lost", match=rf"log\.mcap: .*expected .* 25 s; found {found}"):
-        require_whole_cycle(standing, 25.0, "log.mcap")
+        require_whole_cycle(lost, 25.0, "log.mcap")
 
 
 def test_an_uncertain_departure_is_not_told_in_a_sentence() -> None:

@@ -4,6 +4,7 @@ import html
 import json
 import math
 import re
+from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 
@@ -13,9 +14,10 @@ import pytest
 from matplotlib.image import imread
 
 from eldir.errors import EldirError
+from eldir_calibration.report.controls import INTACT, FilmedRun
 from eldir_calibration.report.numbers import OutOfPlaneNumbers, ReportNumbers
 from eldir_calibration.report.page import write_report
-from eldir_calibration.report.verdict import SampledMotions
+from eldir_calibration.report.verdict import RobotLoss, SampledMotions
 from eldir_hardware.vision.tracking_quality import TrackingQuality
 from tests.calibration.report.report_input import SCHEMA, content
 from tests.calibration.report.striding_walkers import walker
@@ -103,6 +105,10 @@ def test_the_page_opens_with_the_finding_and_the_film(tmp_path: Path) -> None:
     path = walker().trajectory
     quality = TrackingQuality.of(path, np.ones((len(path.times), 2)))
     told = content(samples=samples, film=b"a film", quality=quality, departure=departure)
+    lost = FilmedRun(
+        "log.mcap", INTACT, "", told.tracked, told.predicted, "", RobotLoss(61.5, "fell sideways")
+    )
+    told = replace(told, runs=(lost,))
     write_report(told, tmp_path / "report")
     page = (tmp_path / "report" / "index.html").read_text()
     assert (tmp_path / "report" / "film.webm").read_bytes() == b"a film"

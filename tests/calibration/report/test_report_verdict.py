@@ -10,6 +10,7 @@ import pytest
 
 from eldir_calibration.report.page import write_report
 from eldir_calibration.report.verdict import (
+    RobotLoss,
     SampledMotions,
     evaluate_prediction,
     horizontal_swings,
@@ -104,6 +105,29 @@ def test_a_film_that_was_fitted_does_not_agree(speed, level):
     within = "Not decided: the film lies within the prediction's interval."
     assert v.sentence.startswith(within if level == "undecided" else "They disagree: ")
     assert v.sentence in v.text and "They agree" not in v.text
+
+
+@pytest.mark.parametrize(
+    ("speed", "agreement", "words"),
+    [
+        (
+            0.0112,
+            "undecided",
+            "Not decided: the film lies within the prediction's interval. But the robot fell ",
+        ),
+        (0.0300, "disagrees", "outside the prediction's interval. But the robot fell "),
+    ],
+)
+def test_a_robot_that_fell_never_agrees(speed, agreement, words):
+    """Of a walk that ended in a fall the cycles before say nothing good, and a wrong one stays wrong."""
+    loss = RobotLoss(71.75, "fell")
+    v = evaluate_prediction(walker(), walker(speed=speed, noise=1e-5), sampled(), loss=loss)
+    assert v.walk.agreement == agreement and "They agree" not in v.text
+    assert f"{words}over at 71.8 s; only cycles that ended before count." in v.text
+    unknown = evaluate_prediction(walker(), walker(), None, loss=loss)
+    assert unknown.walk.agreement is None and unknown.sentence.endswith(
+        "no samples. But the robot fell over at 71.8 s; only cycles that ended before count."
+    )
 
 
 def test_the_motion_that_disagrees_most_is_named():
