@@ -172,7 +172,8 @@ def describe_coverage(rows: Sequence[dict[str, Any]]) -> str:
     runs = [AdaptationRun.from_json(run) for row in rows for run in row["runs"][2:]]
     known = [run for run in runs if run.predicted is not None and run.deviation is not None]
     within = sum(
-        abs((run.filmed if run.upright else 0.0) - run.predicted) <= DEFAULT_CONFIG.interval * run.deviation
+        abs((0.0 if run.has_fallen else run.filmed) - run.predicted)
+        <= DEFAULT_CONFIG.interval * run.deviation
         for run in known
         if run.predicted is not None and run.deviation is not None
     )

@@ -12,7 +12,7 @@ from pydantic import Field
 
 from eldir.built.heat import SpringState, heat, join_hubs
 from eldir.core.arguments import require_count, require_value, require_whole_number
-from eldir.core.records import Array, BoolArray, FloatArray, IntArray, Record, record
+from eldir.core.records import OMITTED, Array, BoolArray, FloatArray, IntArray, Record, record
 from eldir.core.validation import validate
 from eldir.design import Design
 from eldir.parameters.springs import SpringParameters
@@ -236,6 +236,11 @@ def free_lengths_batch(
     ]
 
 
+def describe_loss(lost_at_s: float) -> str:
+    """How a film ended whose markers all vanished, without a sign of a fall, at this time [s]."""
+    return f"lost at {lost_at_s:.0f} s: fell, left the picture or was covered"
+
+
 @record
 class FilmedGait(Record):
     """A gait, and the walk that was filmed with it."""
@@ -253,16 +258,27 @@ class FilmedGait(Record):
     walked: Annotated[float, Field(alias="body_lengths_per_5_cycles")]
     """Displacement that the camera measured [body lengths per five cycles]."""
     upright: bool
-    """Whether the robot stayed upright: in all, its markers were rotated by more than 45 degrees for less
-    than a second."""
+    """Whether the robot was seen upright to the end: in all, its markers were rotated by more than 45 degrees
+    for less than a second, and they did not all vanish."""
+    lost_at_s: Annotated[Annotated[float, Field(ge=0)] | None, OMITTED] = None
+    """When all markers vanished for good without a sign of a fall [s since the start of the run]: the robot
+    fell, left the picture or was covered. Missing where they did not, and in older files."""
 
     def __post_init__(self) -> None:
         _ = self.gait  # which refuses what is no gait
 
     @classmethod
-    def of(cls, gait: Gait, walked: float, upright: bool, cycles: int, log: str) -> FilmedGait:
+    def of(
+        cls,
+        gait: Gait,
+        walked: float,
+        upright: bool,
+        cycles: int,
+        log: str,
+        lost_at_s: float | None = None,
+    ) -> FilmedGait:
         """The film of a gait."""
-        return cls(log, gait.period, gait.phase, gait.duty, cycles, walked, upright)
+        return cls(log, gait.period, gait.phase, gait.duty, cycles, walked, upright, lost_at_s)
 
     @cached_property
     def gait(self) -> Gait:
@@ -270,14 +286,21 @@ class FilmedGait(Record):
         return Gait(self.period_s, self.phase, self.duty)
 
     @property
+    def has_fallen(self) -> bool:
+        """Whether the film shows a fall."""
+        return not self.upright and self.lost_at_s is None
+
+    @property
     def has_walked(self) -> bool:
-        """Whether the robot went forward without a fall."""
-        return self.upright and self.walked >= _WALK
+        """Whether the robot went forward without a fall that was seen."""
+        return not self.has_fallen and self.walked >= _WALK
 
     @property
     def summary(self) -> str:
         """The measured displacement, in one line."""
         how = f"{self.walked:+.2f} body lengths per five cycles"
+        if self.lost_at_s is not None:
+            return f"{how} over {self.cycles} cycles, {describe_loss(self.lost_at_s)}"
         return f"{how}, upright" if self.upright else f"{how}, and it fell"
 
     def shows(self, gait: Gait) -> bool:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from eldir.built.gait import FilmedGait, Gait
+from eldir.built.gait import FilmedGait, Gait, describe_loss
 from eldir.built.samples import IdentifiedRobots, SampledWalks, simulate_most_probable
 from eldir.built.scene import PrintedScene
 from eldir.design import Design
@@ -41,20 +41,21 @@ def choose_gait(
     if not walking:
         why = "no filmed gait walked" if filmed else "there is no film of this robot"
         return GaitChoice(other, None, f"new gait: {why}")
-    best = max(walking, key=lambda film: film.walked)
+    best = max(walking, key=lambda film: (film.upright, film.walked))  # a robot that was lost comes last
+    lost = "" if best.lost_at_s is None else f" ({describe_loss(best.lost_at_s)})"
     robots = IdentifiedRobots.of(design, scene)
     itself, *again = simulate_most_probable(robots, [other, *(film.gait for film in filmed)]).tolist()
-    saw = [film.walked if film.upright else 0.0 for film in filmed]
+    saw = [0.0 if film.has_fallen else film.walked for film in filmed]
     wrong = np.abs(np.where(np.isfinite(again), again, 0.0) - saw).max()
     deviations = _MARGIN if scene.model_fits else _MARGIN_WITHOUT_FIT
     margin = deviations * float(np.hypot(walks.spread_with_falls, wrong))
     predicted = min(walks.expected, itself)
     says = f"{predicted:+.2f} (required margin {margin:.2f})" if np.isfinite(predicted) else "a fall"
     if predicted - margin > best.walked:
-        reason = f"new gait: predicted {says}; the best filmed gait walked {best.walked:+.2f}"
+        reason = f"new gait: predicted {says}; the best filmed gait walked {best.walked:+.2f}{lost}"
         return GaitChoice(other, None, reason)
     return GaitChoice(
         best.gait,
         best,
-        f"filmed gait kept: it walked {best.walked:+.2f}; predicted for the best other: {says}",
+        f"filmed gait kept: it walked {best.walked:+.2f}{lost}; predicted for the best other: {says}",
     )

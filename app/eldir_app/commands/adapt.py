@@ -164,10 +164,11 @@ def _describe(number: int, run: AdaptationRun) -> str:
         if run.predicted is None
         else f"{run.predicted:+.2f} (standard deviation {run.deviation:.2f})"
     )
-    filmed = f"{run.filmed:+.2f}" if run.upright else "a fall"
+    filmed = "a fall" if run.has_fallen else f"{run.filmed:+.2f}"
     line = f"run {number}: predicted {before}, filmed {filmed} body lengths per five cycles"
-    if run.cycles is not None and run.upright:
+    if run.cycles is not None and not run.has_fallen:
         line += f", over {run.cycles} cycles"
+    line += _describe_end(run)
     if run.misfit is not None and run.misfit > 1.0:
         line += "; in the films before, the robot moved as no simulated one does"
     if run.impossible_motion is not None:
@@ -175,10 +176,17 @@ def _describe(number: int, run: AdaptationRun) -> str:
     return line
 
 
+def _describe_end(run: AdaptationRun) -> str:
+    """How the film of a run ended whose robot was lost; empty for others."""
+    from eldir.built.gait import describe_loss
+
+    return "" if run.lost_at_s is None else f", {describe_loss(run.lost_at_s)}"
+
+
 def _describe_best(number: int, run: AdaptationRun) -> str:
     """The run whose schedule is kept."""
     remark = "" if run.impossible_motion is None else ", which is not possible in reality"
-    return f"run {number}, filmed {run.filmed:+.2f}{remark}"
+    return f"run {number}, filmed {run.filmed:+.2f}{_describe_end(run)}{remark}"
 
 
 def _describe_heat(found: Adaptation, rig: Rig) -> str:

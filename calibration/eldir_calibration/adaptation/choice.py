@@ -169,7 +169,7 @@ def discrepancy(
         own = [one.film for one in counted if one[1:] == (limit, air)]
         filmed = replace(robots, robot=in_air(scale_current(robots.robot, limit / current_limit_a), air))
         walks = simulate_most_probable(filmed, [film.gait for film in own], coarse=True)
-        shown = np.array([film.walked if film.upright else 0.0 for film in own])
+        shown = np.array([0.0 if film.has_fallen else film.walked for film in own])
         differences.append(np.where(np.isfinite(walks), walks, 0.0) - shown)
     every = np.concatenate(differences)
     return float(every.sum() / (len(every) + 1)), float(np.sqrt(np.mean(every**2)))

@@ -330,6 +330,7 @@ def _record(
         film.upright,
         film.cycles,
         open_run(log, design).impossible_motion or None,
+        film.lost_at_s,
     )
 
 

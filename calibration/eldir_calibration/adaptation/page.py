@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
+from eldir.built.gait import describe_loss
 from eldir.built.scene import PrintedScene
 from eldir.built.walking import describe_doubt
 from eldir.core.files import write_bytes, write_text
@@ -127,6 +128,7 @@ def write_page(
         number=lambda v: f"{round(v, 2) + 0.0:+.2f}",
         short=lambda v: f"{v:.3g}",
         percent=lambda v: f"{100 * v:.0f} %",
+        loss=describe_loss,
     )
     page = templates.get_template(PAGE).render(
         found=found,
@@ -188,6 +190,7 @@ def quantity_rows(
 def draw_walks(runs: Sequence[AdaptationRun]) -> Figure:
     """The filmed walk of each run, and the interval that was predicted before it."""
     figure, axes = new_axes(7.0, 3.2, xlabel="run", ylabel="body lengths per five cycles")
+    lost = " or was lost" if any(run.lost_at_s is not None for run in runs) else ""
     for number, run in enumerate(runs, start=1):
         first = number == 1
         if run.predicted is not None and run.deviation is not None:
@@ -197,7 +200,7 @@ def draw_walks(runs: Sequence[AdaptationRun]) -> Figure:
             )  # fmt: skip
         axes.plot(
             number + 0.08, run.filmed, "o" if run.upright else "x", color=_FILMED, ms=7,
-            label="filmed (cross: it fell)" if first else None,
+            label=f"filmed (cross: it fell{lost})" if first else None,
         )  # fmt: skip
     axes.axhline(0.0, color="#cccccc", lw=0.8, zorder=0)
     axes.set_xticks(range(1, len(runs) + 1))

@@ -57,12 +57,20 @@ class AdaptationRun(Record):
     filmed: float
     """Walk that was filmed [body lengths per five cycles]."""
     upright: bool
-    """Whether the robot stayed upright."""
+    """Whether the robot was seen upright to the end."""
     cycles: Annotated[Annotated[int, Field(ge=0)] | None, OMITTED] = None
     """Cycles in which the film shows the walk: fewer than the schedule's where the markers were lost; missing
     in older files."""
     impossible_motion: Annotated[str | None, OMITTED] = None
     """What the robot of a virtual rig did that a printed one cannot do; missing where nothing was seen."""
+    lost_at_s: Annotated[Annotated[float, Field(ge=0)] | None, OMITTED] = None
+    """When all markers vanished for good without a sign of a fall [s since the start of the run]: the robot
+    fell, left the picture or was covered. Missing where they did not, and in older files."""
+
+    @property
+    def has_fallen(self) -> bool:
+        """Whether the film shows a fall."""
+        return not self.upright and self.lost_at_s is None
 
 
 @record
@@ -137,7 +145,8 @@ class Adaptation(FileRecord):
     """The runs, in the order in which they were made."""
     best: Annotated[int, Field(ge=1)] | None
     """Number of the run in which the robot walked farthest without a fall, from 1, of those with the present
-    current limit and without springs above their limit; null if there is none."""
+    current limit and without springs above their limit; null if there is none. One in which it was lost only
+    if there is no other."""
     ended: str
     """Why no further run was made; empty while runs are left."""
     advice: tuple[SupplyAdvice, ...] = ()
@@ -168,6 +177,7 @@ def repeatable_runs(
 
 
 def best_run(runs: Sequence[AdaptationRun], faults: Sequence[Fault], current_limit_a: float) -> int | None:
-    """Number of the repeatable run in which the robot walked farthest without a fall, from 1."""
-    upright = [n for n in repeatable_runs(runs, faults, current_limit_a) if runs[n - 1].upright]
-    return max(upright, key=lambda number: runs[number - 1].filmed, default=None)
+    """Number of the repeatable run in which the robot walked farthest without a fall, from 1. A run in which
+    it was lost comes after all in which it was not."""
+    counted = [n for n in repeatable_runs(runs, faults, current_limit_a) if not runs[n - 1].has_fallen]
+    return max(counted, key=lambda n: (runs[n - 1].upright, runs[n - 1].filmed), default=None)

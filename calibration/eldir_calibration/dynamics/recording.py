@@ -58,6 +58,9 @@ class Recording(Record):
     room_c: float | None = None
     """Temperature of the air before the run [C]; None: it was not measured, and is that of the robot's
     springs."""
+    lost_at: float | None = None
+    """When its markers vanished for good without a sign of a fall: it fell, left the picture or was covered
+    [s]; None: they did not."""
 
     def truncate(self, end: float) -> Recording:
         """The part of the recording before `end` [s]."""

@@ -180,8 +180,11 @@ def read_filmed_gait(run: LoggedRun, film: Recording) -> FilmedGait | None:
     motion = Motion(film.tracked, film.start, film.period, film.cycles, run.robot.body_length)
     if not motion.known_cycles:
         return None
-    upright = find_any_fall(run.robot.positions[run.design.marks], film) is None
-    return FilmedGait.of(gait, motion.displacement(), upright, motion.known_cycles, run.log.path.name)
+    fell = find_any_fall(run.robot.positions[run.design.marks], film) is not None
+    lost_at = None if fell else film.lost_at
+    upright = not fell and lost_at is None
+    walk, cycles = motion.displacement(), motion.known_cycles
+    return FilmedGait.of(gait, walk, upright, cycles, run.log.path.name, lost_at)
 
 
 def read_recording(run: LoggedRun, progress: Callable[[int], None] = lambda frames: None) -> Recording:
@@ -208,6 +211,7 @@ def read_recording(run: LoggedRun, progress: Callable[[int], None] = lambda fram
         motion.cycles,
         loss.time_s if loss is not None and loss.kind == "fell sideways" else None,
         run.measured.room_c,
+        loss.time_s if loss is not None and loss.kind == "lost" else None,
     )
 
 

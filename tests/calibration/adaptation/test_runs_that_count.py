@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from eldir.built.gait import Gait
 from eldir.built.heat import HeatModel
@@ -18,7 +20,8 @@ from eldir.design import Ballast, Design, Variant
 from eldir.errors import InputError
 from eldir.parameters.printed import BuiltParameters
 from eldir.parameters.robot import RobotParameters
-from eldir_calibration.adaptation import films
+from eldir_app.application import application
+from eldir_calibration.adaptation import films, loop
 from eldir_calibration.adaptation.choice import (
     NoGaitError,
     believed_limits,
@@ -28,8 +31,9 @@ from eldir_calibration.adaptation.choice import (
 from eldir_calibration.adaptation.films import nominal_robot, read_run
 from eldir_calibration.adaptation.heat import peak_temperatures, planned_contact_shares
 from eldir_calibration.adaptation.loop import adapt
+from eldir_calibration.adaptation.page import write_page
 from eldir_calibration.adaptation.prior import BELIEF, load_prior
-from eldir_calibration.adaptation.runs import AdaptationRun, Fault, best_run, repeatable_runs
+from eldir_calibration.adaptation.runs import Adaptation, AdaptationRun, Fault, best_run, repeatable_runs
 from eldir_calibration.comparison.recorded_run import open_run
 from eldir_calibration.dynamics.belief import Belief
 from eldir_calibration.dynamics.recording import INTERVAL, FilmedBody, find_any_fall
@@ -107,8 +111,11 @@ def test_a_planned_schedule_heats_as_its_log_says(rig: Rig, design: Design) -> N
     np.testing.assert_allclose(each, alone)
 
 
-def run(filmed: float, current: float = 3.6, upright: bool = True) -> AdaptationRun:
-    return AdaptationRun("schedule.json", "run.mcap", current, None, None, None, filmed, upright)
+def run(
+    filmed: float, current: float = 3.6, upright: bool = True, lost: float | None = None
+) -> AdaptationRun:
+    known = (current, None, None, None, filmed, upright and lost is None, 3, None, lost)
+    return AdaptationRun("schedule.json", "run.mcap", *known)
 
 
 def test_the_best_run_is_one_that_the_supply_can_repeat() -> None:
@@ -118,6 +125,43 @@ def test_the_best_run_is_one_that_the_supply_can_repeat() -> None:
     assert best_run(runs, [hot], 3.6) == 2 and best_run(runs, [hot], 3.4) == 3
     assert best_run(runs, [hot], 3.5) is None and repeatable_runs(runs, [hot], 3.6) == [2, 4]
     assert best_run(runs, [replace(hot, kind="fall")], 3.6) == 1
+
+
+def test_a_run_in_which_the_robot_was_lost_is_the_best_only_if_there_is_no_other() -> None:
+    lost, fallen = run(1.9, lost=95.0), run(9.0, upright=False)
+    assert best_run([lost, run(0.4), fallen], [], 3.6) == 2
+    assert best_run([run(1.2, lost=80.0), lost, fallen], [], 3.6) == 2
+    assert AdaptationRun.from_json(lost.to_json()) == lost and "lost_at_s" not in run(1.0).to_json()
+
+
+def test_page_and_command_tell_that_the_robot_was_lost(
+    tmp_path: Path, rig: Rig, design: Design, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And that they do not know whether it fell; of a robot that stood to the end they say nothing."""
+    words = "lost at 95 s: fell, left the picture or was covered"
+    schedule(rig, 3.0).save(tmp_path / "schedule.json")
+    design.save(tmp_path / "design.json")
+    for one, told in ((run(1.9, lost=95.0), True), (run(1.9), False)):
+        found = Adaptation((one,), 1, "all runs are made (1)")
+        write_page(tmp_path, nominal_robot(rig), found, None, belief(design, rig, 0.3).scene)
+        page = (tmp_path / "adaptation.html").read_text()
+        head = page[page.index('class="sentence"') : page.index("Ended:")]
+        assert (f"filmed in run 1 of 1; the robot was {words}." in head) == told
+        assert (f"Run 1: {words}; only cycles that ended before count." in page) == told
+        assert "+1.90" in head and page.count("lost at") == 2 * told and "<td>+1.90</td>" in page
+
+        def adapted(
+            *given: Any, one: AdaptationRun = one, found: Adaptation = found, **options: Any
+        ) -> Adaptation:
+            given[6](1, one)
+            return found
+
+        monkeypatch.setattr(loop, "adapt", adapted)
+        call = ["adapt", str(tmp_path / "design.json"), "--rig", str(tmp_path / "rig.yaml")]
+        output = CliRunner().invoke(application(), [*call, "--out", str(tmp_path / "new")]).output
+        said = " ".join(output.split())
+        assert f"filmed +1.90 body lengths per five cycles, over 3 cycles{f', {words}' * told}" in said
+        assert (f"that of run 1, filmed +1.90, {words}" in said) == told and said.count(words) == 2 * told
 
 
 def log(folder: Path, rig: Rig, design: Design, *events: str) -> Path:
@@ -196,13 +240,17 @@ def film_until_lost(folder: Path, rig: Rig, design: Design, lost: float, leans: 
 def test_a_robot_that_falls_sideways_did_not_stay_upright(
     tmp_path: Path, rig: Rig, design: Design, leans: bool
 ) -> None:
-    """One that is covered has not fallen, as far as the film shows. Both stood for two cycles."""
+    """Nor did one that is covered, as far as the film shows; but that it fell is not said. Both stood for two
+    cycles."""
     lost = schedule(rig, 1.0, period=10.0).start_of_cycles + 21.0
     run = open_run(film_until_lost(tmp_path, rig, design, lost, leans), design)
     seen = read_recording(run)
     assert seen.cycles == 2 and seen.fell_at == (pytest.approx(lost, abs=0.11) if leans else None)
     filmed = read_filmed_gait(run, seen)
-    assert filmed is not None and filmed.upright != leans
+    assert filmed is not None and not filmed.upright and filmed.has_fallen == leans
+    assert seen.lost_at == filmed.lost_at_s == (None if leans else pytest.approx(lost, abs=0.11))
+    end = ", and it fell" if leans else " over 2 cycles, lost at 34 s: fell, left the picture or was covered"
+    assert filmed.summary.endswith(f"body lengths per five cycles{end}")
     rest = design.morphology.positions[design.marks] * BuiltParameters().scale
     assert find_any_fall(rest, seen) == seen.fell_at
 

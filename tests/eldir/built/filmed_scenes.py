@@ -27,5 +27,5 @@ def scene_of(
     return replace(scene, model_fits=model_fits, body=design.body, filmed_gaits=films)
 
 
-def film(walked: float, gait: Gait = WALKED, upright: bool = True) -> FilmedGait:
-    return FilmedGait.of(gait, walked, upright, 5, "log.mcap")
+def film(walked: float, gait: Gait = WALKED, upright: bool = True, lost: float | None = None) -> FilmedGait:
+    return FilmedGait.of(gait, walked, upright and lost is None, 5, "log.mcap", lost)

@@ -11,7 +11,7 @@ import typer
 from typer.testing import CliRunner
 
 from eldir.built import gait_choice, gait_search, samples
-from eldir.built.gait import CYCLES, Gait, free_lengths
+from eldir.built.gait import CYCLES, FilmedGait, Gait, free_lengths
 from eldir.built.gait_choice import choose_gait
 from eldir.built.motion import drive
 from eldir.built.robot import build
@@ -84,6 +84,21 @@ def test_gaits_that_fell_or_went_back_are_not_kept(design: Design) -> None:
         assert (found.kept_film, found.reason) == (None, "new gait: no filmed gait walked")
     # Decision 26: forward by a tenth of a body length or more is a walk.
     assert film(0.12).has_walked and not film(0.08).has_walked
+
+
+def test_a_robot_that_was_lost_is_preferred_to_none_that_walked_to_the_end(
+    design: Design, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It may have fallen. If it is kept for want of another film, that is said."""
+    monkeypatch.setattr(gait_choice, "simulate_most_probable", lambda _, gaits: np.zeros(len(gaits)))
+    slow, lost = film(0.4, replace(WALKED, period=25.0)), film(1.9, lost=95.0)
+    for films, kept in (([lost, slow], slow), ([lost, film(3.0, upright=False)], lost)):
+        found = choose_gait(design, WALKED, SampledWalks(np.array([0.1])), films, scene_of(design, *films))
+        assert found.kept_film is kept
+        remark = " (lost at 95 s: fell, left the picture or was covered)" if kept is lost else ""
+        assert found.reason.startswith(f"filmed gait kept: it walked {kept.walked:+.2f}{remark}; predicted")
+    assert lost.has_walked and not lost.has_fallen and FilmedGait.from_json(lost.to_json()) == lost
+    assert "lost_at_s" not in slow.to_json()
 
 
 def test_a_plan_keeps_the_filmed_gait_and_says_so(
