@@ -106,7 +106,7 @@ def test_the_page_opens_with_the_finding_and_the_film(tmp_path: Path) -> None:
     quality = TrackingQuality.of(path, np.ones((len(path.times), 2)))
     told = content(samples=samples, film=b"a film", quality=quality, departure=departure)
     lost = FilmedRun(
-        "log.mcap", INTACT, "", told.tracked, told.predicted, "", RobotLoss(61.5, "fell sideways")
+        "log.mcap", INTACT, "", told.tracked, told.predicted, loss=RobotLoss(61.5, "fell sideways")
     )
     told = replace(told, runs=(lost,))
     write_report(told, tmp_path / "report")
