@@ -16,12 +16,13 @@ from eldir_hardware.current_sensor import SensorError
 from eldir_hardware.guardian.bank import Report
 from eldir_hardware.guardian.client import Guardian
 from eldir_hardware.guardian.measured_heat import CurrentFlowsError
-from eldir_hardware.rig.board_identity import Port
+from eldir_hardware.guardian.stop_reset import proven_open, reset_emergency_stop
+from eldir_hardware.rig.board_identity import Port, identify
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.devices import open_sensor
 from eldir_hardware.rig.port_holder import GuardedPort, Holder, find_holder, list_guarded_ports
 from eldir_hardware.safety import off_targets
-from eldir_hardware.safety.latch import find_record, read_stop
+from eldir_hardware.safety.latch import find_record, latch, latch_for_driving, read_stop
 from eldir_hardware.virtual.rig import VirtualRig
 from tests.hardware.emulated_rigs import rig_file, run
 from tests.hardware.rigs_and_schedules import rig_with
@@ -139,6 +140,37 @@ def test_off_does_not_need_the_sensor_and_reset_does(tmp_path):
         result = run("reset", "--rig", path)
         assert result.exit_code == 1 and isinstance(result.exception, SensorError)
         assert read_stop(virtual.emulator.port) == "stopped by eldir rig off"
+
+
+def test_a_program_with_a_port_of_its_own_resets_only_what_the_sensor_shows_off(tmp_path):
+    """As the node of the relay board, whose parameter names the port."""
+    with bench(tmp_path) as (virtual, path):
+        rig, port = Rig.load(path), virtual.emulator.port
+        rig = rig.model_copy(update={"board": rig.board.model_copy(update={"port": "/dev/none"})})
+        latch(port, "tried")
+        weld(virtual, 4)
+        with pytest.raises(CurrentFlowsError, match=r"channel 4 .*cut the heating supply now"):
+            reset_emergency_stop(rig, port)
+        weld(virtual, 4, False)
+        virtual.emulated_sensor.faults.silent = True
+        with pytest.raises(SensorError, match="did not answer"):
+            reset_emergency_stop(rig, port)
+        assert read_stop(port) == "tried"
+        virtual.emulated_sensor.faults.silent = False
+        assert "the sensor shows no current in channels 1 to 4" in reset_emergency_stop(rig, port)
+        assert read_stop(port) is None
+
+
+def test_the_sensor_of_the_stopped_run_is_asked_whatever_the_rig_file_names_now(tmp_path):
+    with bench(tmp_path) as (virtual, path):
+        rig, port = Rig.load(path), virtual.emulator.port
+        sensor = identify(virtual.sensor_port)
+        elsewhere = rig.sensor.model_copy(update={"port": "/dev/none"})
+        latch_for_driving(port, "lcus", 4, rig.name, sensor=sensor)
+        with proven_open(rig, port) as (board, found):
+            assert found.is_same_device(sensor) and board.is_same_device(identify(port))
+        assert reset_emergency_stop(rig.model_copy(update={"sensor": elsewhere}), port)
+        assert read_stop(port) is None
 
 
 @pytest.mark.parametrize("welded", [True, pytest.param(False, marks=pytest.mark.stress)])

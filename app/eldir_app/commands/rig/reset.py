@@ -14,19 +14,9 @@ def reset(rig_file: RigFile) -> None:
 
     Example: eldir rig reset --rig rig.yaml
     """
-    from eldir_hardware.guardian.measured_heat import require_no_current
-    from eldir_hardware.rig.board_identity import identify_open
-    from eldir_hardware.rig.devices import open_board
-    from eldir_hardware.safety import spring_memory
-    from eldir_hardware.safety.latch import require_proven_open, require_unlatched
+    from eldir_hardware.guardian.stop_reset import reset_emergency_stop
 
-    rig, port = load_real_rig(rig_file)
-    with open_board(rig) as board:
-        device = identify_open(board.file_descriptor, port)
-        board.all_off()
-        sensors = (record.sensor for record in require_proven_open(device) if record.sensor)
-        measured = require_no_current(rig, next(sensors, None))
-        spring_memory.reset_stop(device, rig)
-    require_unlatched(device)
+    rig, _ = load_real_rig(rig_file)
+    measured = reset_emergency_stop(rig)
     report = f"all {rig.board.channels} channels are open by the board's report"
     typer.echo(f"{report}{f'; {measured}' if measured else ''}; the stop is reset")
