@@ -178,6 +178,19 @@ def test_a_contact_that_stays_closed_is_told(board):
     result, _ = play(board)
     striking.join()
     assert not result.all_off and "cut the heating supply" in result.message
+    board.bank = board.new_bank()  # of another goal
+    refused, _ = play(board, stopped="the contact stays closed")
+    assert (refused.outcome, refused.all_off) == (runs.REFUSED, False)
+
+
+@pytest.mark.parametrize("change", [{"rig": None}, {"stopped": "pressed"}, {"text": "{}"}])
+def test_a_board_that_reports_nothing_is_not_said_to_be_off(board, change):
+    """Also where an older report is still waiting to be read, as for a goal that waited for another one."""
+    time.sleep(0.1)
+    board.dead = True
+    time.sleep(0.1)
+    result, _ = play(board, **change)
+    assert (result.outcome, result.all_off) == (runs.REFUSED, False)
 
 
 def test_a_client_that_has_gone_before_the_start_heats_nothing(board):

@@ -17,7 +17,7 @@ from typing import Protocol
 from eldir_msgs.msg import HeatCommand
 
 from eldir.errors import EldirError
-from eldir_hardware.guardian.bank import HeaterBank, Report, ReportCallback
+from eldir_hardware.guardian.bank import BOARD_PROOF, HeaterBank, Report, ReportCallback
 from eldir_hardware.relay.errors import NotProvenOffError
 from eldir_hardware.safety.stop_signals import StoppedError
 from eldir_ros.conversions import runs
@@ -100,6 +100,7 @@ class RemoteBank(HeaterBank):
 
         Waits up to `_ARM_TIMEOUT` for that: the first report to arrive may be from before the board node was
         activated. Activating the board node arms it."""
+        self.proof = None
         deadline = time.monotonic() + _ARM_TIMEOUT
         while not self._is_armed() or self._missing():  # nothing heats yet
             self._take_reports(0.1, lambda report: None)
@@ -121,6 +122,16 @@ class RemoteBank(HeaterBank):
             raise EldirError("a contact is closed before the start", remedy="look at the relay board")
         self._require_nodes()
         self._send(HeatCommand.KEEPALIVE)
+
+    def reports_all_open(self) -> bool:
+        """Whether every contact is open by a report that is read from now on; false where none comes within
+        `_BOARD_TIMEOUT`. For a run that was refused: nothing was announced."""
+        begun, reports = time.monotonic(), list[Report]()
+        while time.monotonic() < begun + _BOARD_TIMEOUT:
+            self._take_reports(0.1, reports.append)
+            if reports and reports[-1].t >= begun:
+                return not any(reports[-1].closed)
+        return False
 
     def heat(self, at: float, durations: Mapping[int, float]) -> None:
         self._sequence += 1
@@ -177,6 +188,7 @@ class RemoteBank(HeaterBank):
             if last is None or any(last.closed):
                 continue
             if not last.armed or (last.run == self._run and last.sequence >= sequence):
+                self.proof = BOARD_PROOF
                 return
         raise NotProvenOffError(
             f"{why}the relay board did not report that everything is off",

@@ -77,7 +77,7 @@ class RunScheduleResult:
     """Greatest delay of a switching since then [s]."""
     edges: tuple[ContactEdge, ...]
     all_off: bool
-    """Whether every contact was open by the board's report."""
+    """Whether every contact was open by the board's report; false where the board did not report."""
 
 
 class RunListener(Protocol):
@@ -112,7 +112,7 @@ class ScheduleRun:
         `rig` is None if the sequencer is not active; `stopped`: why an emergency stop is latched. Both refuse
         the run.
         """
-        start_ns, start_t, proven = 0, 0.0, True
+        start_ns, start_t, failed = 0, 0.0, False
         clock = WallClock()
         try:
             if not request.client:
@@ -146,16 +146,16 @@ class ScheduleRun:
             outcome, message = runs.FINISHED, "played to the end"
         except EldirError as error:
             outcome = getattr(error, "outcome", runs.STOPPED)
-            message, proven = str(error), not isinstance(error, NotProvenOffError)
+            message, failed = str(error), isinstance(error, NotProvenOffError)
         except Exception as error:  # the bank has switched everything off by now
             outcome, message = runs.STOPPED, f"{type(error).__name__}: {error}"[:_MAX_MESSAGE]
-            proven = not start_ns or (self._bank.last is not None and not any(self._bank.last.closed))
         if outcome == runs.STOPPED and not start_ns:
             outcome = runs.REFUSED
         if start_ns:
             state = Run.FINISHED if outcome == runs.FINISHED else Run.ENDED
             self._listener.on_state(state, start_ns, message, self._room_c)
         self._listener.on_message(message)
+        all_off = not failed and (self._bank.proof is not None or self._bank.reports_all_open())
         last = self._bank.last
         return RunScheduleResult(
             outcome,
@@ -165,7 +165,7 @@ class ScheduleRun:
             0.0 if last is None else last.peak_temperature,
             0.0 if last is None else last.max_delay,
             tuple(self._edges.found),
-            proven,
+            all_off,
         )
 
     # As an observer of the player.
