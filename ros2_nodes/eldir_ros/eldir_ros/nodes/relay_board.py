@@ -19,15 +19,15 @@ from sensor_msgs.msg import Temperature
 from std_srvs.srv import Trigger
 
 from eldir.errors import EldirError
-from eldir_hardware.guardian.bank import Commander, Report
+from eldir_hardware.guardian.bank import BOARD_PROOF, Commander, Report
 from eldir_hardware.guardian.client import Guardian
+from eldir_hardware.guardian.measured_heat import CurrentFlowsError, require_no_current
+from eldir_hardware.guardian.stop_reset import proven_open, reset_emergency_stop
 from eldir_hardware.realtime import COMMANDS, request_realtime_priority
 from eldir_hardware.relay.errors import NotProvenOffError
-from eldir_hardware.rig.board_identity import identify_open
+from eldir_hardware.rig.board_identity import Port
 from eldir_hardware.rig.configuration import Rig
-from eldir_hardware.rig.devices import open_board
-from eldir_hardware.safety.latch import LatchedError, latch, read_stop, require_proven_open, require_unlatched
-from eldir_hardware.safety.spring_memory import reset_stop
+from eldir_hardware.safety.latch import LatchedError, latch, read_stop, require_unlatched
 from eldir_ros.base.parameters import get_file, get_text
 from eldir_ros.base.qualities import COMPLETE, LATCHED, RELIABLE
 from eldir_ros.base.rig_node import ACTIVATING, ACTIVE, STOP, RigNode
@@ -45,6 +45,8 @@ class RelayBoardNode(RigNode):
     def __init__(self, **options: Any):
         super().__init__("relay_board", **options)
         self._guardian: Guardian | None = None
+        self._board: Port | None = None
+        """The board that was opened last, whatever its port or the rig file names now."""
         self._opened = ExitStack()
         self._armed = False
         self._commander = Commander()
@@ -78,17 +80,17 @@ class RelayBoardNode(RigNode):
     def open(self) -> None:
         """Prove everything off, then hand the port to the guardian."""
         rig, port = self._rig()
-        _prove_off(rig, port)
+        with proven_open(rig, port) as (board, _):
+            self._board, self._open_rig = board, rig
         self._last = None
         self._guardian = self._opened.enter_context(Guardian(rig, port))
         for name in set(convert.spring_names(rig)) - set(self._temperatures):
             self._temperatures[name] = self.advertise(Temperature, f"springs/{name}/temperature", RELIABLE)
-        self._open_rig = rig
         self.get_logger().info(f"{port}: all {rig.board.channels} channels are open")
         self._publish_stop_state()
 
     def start(self) -> None:
-        require_unlatched(self._rig()[1])  # the guardian refuses as well, and would end
+        require_unlatched(self._find_board()[1])  # the guardian refuses as well, and would end
         guardian = self._open_guardian()
         guardian.arm()
         self._armed = True
@@ -147,12 +149,12 @@ class RelayBoardNode(RigNode):
 
     def _on_emergency_stop(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         try:
-            self._stop("the emergency stop was called")
+            response.message = self._stop("the emergency stop was called")
         except EldirError as error:
             response.message = str(error)
             self.report_fault(response.message)
             return response
-        response.success, response.message = True, "all contacts are open, by the board's report; latched"
+        response.success = True
         return response
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -162,13 +164,14 @@ class RelayBoardNode(RigNode):
                 response.success, response.message = True, "armed: nothing to reset"
                 return response
             self.close()
-            _prove_off(rig, port, unlatched=True)
+            measured = reset_emergency_stop(rig, port)
         except EldirError as error:
             response.message = str(error)
             return response
         self.become_unconfigured()
         self._publish_stop_state()
-        response.success, response.message = True, "all contacts are open; now configure and activate"
+        shown = f"; {measured}" if measured else ""
+        response.success, response.message = True, f"{BOARD_PROOF}{shown}; now configure and activate"
         return response
 
     # Timer and faults.
@@ -189,15 +192,24 @@ class RelayBoardNode(RigNode):
         with suppress(EldirError):  # reported by `_end`
             self._end(str(error), proven=not isinstance(error, NotProvenOffError))
 
-    def _stop(self, why: str) -> None:
-        """Everything off, proven and latched, in every state."""
-        rig, port = self._rig()
-        latch(port, why)
-        if self._guardian is not None:
-            self._end(why)
-            return
-        self._publish_stop_state(why)
-        _prove_off(rig, port)
+    def _stop(self, why: str) -> str:
+        """Everything off, proven, then latched, in every state; returns what was proven.
+
+        While a guardian holds the board the rig file is not read: it may be damaged or gone.
+        """
+        rig, board = self._find_board()
+        try:
+            if self._guardian is not None:
+                self._end(why)
+                proof = BOARD_PROOF
+            else:
+                proof = _prove_off(rig or self._rig()[0], board)
+        finally:
+            problem = latch(board, why)
+            self._publish_stop_state(why, board)
+        if problem:
+            raise EldirError(f"{proof}, but the stop is not latched: {problem}")
+        return f"{proof}; latched"
 
     def _end(self, why: str, proven: bool = True) -> None:
         """Have the guardian switch everything off, if it has not yet; report why, and be unconfigured.
@@ -206,6 +218,7 @@ class RelayBoardNode(RigNode):
         """
         self._armed = False
         self._commander.release()
+        board = self._find_board()[1]
         try:
             self._open_guardian().stop(why)
             if proven:
@@ -216,7 +229,7 @@ class RelayBoardNode(RigNode):
         finally:
             self.close()
             self.report_fault(why)
-            self._publish_stop_state(why)
+            self._publish_stop_state(why, board)
             self.become_unconfigured()
 
     def _publish_off(self) -> None:
@@ -255,20 +268,32 @@ class RelayBoardNode(RigNode):
             self._temperatures[name].publish(convert.temperature_of(stamp, celsius))
         self._rate.tick()
 
-    def _publish_stop_state(self, why: str = "") -> None:
+    def _publish_stop_state(self, why: str = "", board: Port | None = None) -> None:
         """Publish whether the emergency stop is latched, by the record of the board, which keeps the first
         reason; `why` counts where it has none."""
         reason: str | None = None
-        try:
-            port = self._rig()[1]
-            require_unlatched(port)
-        except LatchedError as error:
-            with suppress(EldirError):
-                reason = read_stop(port)
-            reason = reason or why or str(error)
-        except EldirError:  # without a rig file there is no port that could be latched
-            pass
+        with suppress(EldirError):  # without a rig file there is no port that could be latched
+            board = board or self._find_board()[1]
+            try:
+                require_unlatched(board)
+            except LatchedError as error:
+                reason = why or str(error)
+                reason = read_stop(board) or reason
         self._stop_state.publish(convert.stop_of(self.now_ns, reason))
+
+    def _find_board(self) -> tuple[Rig | None, Port]:
+        """Rig and board of the guardian; without one those of the rig file, or if that cannot be read those
+        that were opened last, or the port of the parameter alone."""
+        last: tuple[Rig | None, Port] = None, get_text(self, "port")
+        if self._board is not None:
+            last = self._open_rig, self._board
+        if self._guardian is None:
+            try:
+                return self._rig()
+            except EldirError:
+                if not last[1]:
+                    raise
+        return last
 
     def _rig(self) -> tuple[Rig, str]:
         path = get_file(self, "rig")
@@ -287,17 +312,16 @@ class RelayBoardNode(RigNode):
         return self._guardian
 
 
-def _prove_off(rig: Rig, port: str, unlatched: bool = False) -> None:
-    """Open every contact, proven by the board's report; then remove the latch where that is wanted.
-
-    Raises `EldirError` where a run through this port drove another device, which nobody has proven open.
-    """
-    with open_board(rig, port=port) as board:
-        board.all_off()
-        device = identify_open(board.file_descriptor, port)
-        require_proven_open(device)
-        if unlatched:
-            reset_stop(device, rig)
+def _prove_off(rig: Rig, board: Port) -> str:
+    """Open every contact of a board that no guardian holds; returns what the board and the sensor show."""
+    with proven_open(rig, board) as (_, sensor):
+        try:
+            measured = require_no_current(rig, sensor)
+        except CurrentFlowsError:
+            raise
+        except EldirError as error:  # a stop does not need the sensor; its reset does
+            measured = f"no current was measured: {error}"
+    return f"{BOARD_PROOF}; {measured}" if measured else BOARD_PROOF
 
 
 def main() -> None:
