@@ -203,8 +203,10 @@ class RigNode(LifecycleNode):
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         with self.transition:
             self._state = DEACTIVATING
-            self._change(self.halt, INACTIVE, otherwise=INACTIVE)
-            return super().on_deactivate(state)  # last: `halt` may publish how it ended
+            outcome = self._change(self.halt, INACTIVE, otherwise=DEACTIVATING)
+            super().on_deactivate(state)  # last: `halt` may publish how it ended
+            # `on_error` closes what could not be halted.
+            return outcome if outcome == TransitionCallbackReturn.SUCCESS else TransitionCallbackReturn.ERROR
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         return self._change(self.close, UNCONFIGURED, otherwise=INACTIVE)

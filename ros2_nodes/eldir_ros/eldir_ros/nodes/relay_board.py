@@ -104,7 +104,11 @@ class RelayBoardNode(RigNode):
         self._commander.release()
         if self._guardian is not None and self._armed:
             self._armed = False
-            self._guardian.disarm()
+            try:
+                self._guardian.disarm()
+            except EldirError as error:  # the guardian has latched the stop
+                self._publish_stop_state(str(error))
+                raise
             self._publish_off()
             self.get_logger().info("disarmed: everything is off")
 

@@ -2,7 +2,7 @@
 # Use of this source code is governed by an MIT-style license that can be found in the LICENSE file or at
 # https://opensource.org/licenses/MIT.
 
-"""Stops that meet a fault: a rig file that is gone, current that still flows."""
+"""Stops that meet a fault: a rig file that is gone, a contact that stays closed, current that still flows."""
 
 import json
 import shutil
@@ -14,12 +14,14 @@ import pytest
 rclpy = pytest.importorskip("rclpy", reason="needs ROS 2 Jazzy")
 pytest.importorskip("eldir_msgs", reason="needs the package eldir_msgs, built by colcon")
 
+from eldir_msgs.msg import HeatCommand, Pulse  # noqa: E402
 from graph import Graph, wait_until  # noqa: E402
 from schedules import CONFIG, LONG  # noqa: E402
 
 from eldir_hardware.rig.configuration import Rig  # noqa: E402
 from eldir_hardware.virtual.rig import VirtualRig  # noqa: E402
-from eldir_ros.conversions import runs  # noqa: E402
+from eldir_ros.base.qualities import COMPLETE  # noqa: E402
+from eldir_ros.conversions import duration_of, runs  # noqa: E402
 
 CALLED = "the emergency stop was called"
 
@@ -110,3 +112,20 @@ def test_stop_and_reset_measure_where_there_is_a_sensor(tmp_path):
         answer = graph.call("reset_emergency_stop")
         assert answer.success and "the sensor shows no current in channels 1 to 4" in answer.message
         wait_until(lambda: not graph.stops[-1].stopped, 5)
+
+
+def test_a_node_whose_contact_stays_closed_is_not_deactivated_in_order(tmp_path):
+    with measured_board(tmp_path) as (graph, virtual):
+        assert graph.configure("relay_board") and graph.activate("relay_board"), graph.said("relay_board")
+        commands = graph.node.create_publisher(HeatCommand, "relay_board/commands", COMPLETE)
+        wait_until(lambda: commands.get_subscription_count() > 0, 10)
+        pulse = [Pulse(channel=1, duration=duration_of(4.0))]
+        commands.publish(HeatCommand(command=HeatCommand.PULSES, run="x", sequence=1, pulses=pulse))
+        wait_until(lambda: virtual.emulator.contacts[0], 10)
+        virtual.emulator.faults.deaf.add(1)
+        assert not graph.deactivate("relay_board")
+        assert graph.state("relay_board") == "unconfigured"
+        wait_until(lambda: graph.stops[-1].stopped, 5)
+        assert "cut the heating supply now" in graph.said("relay_board")
+        virtual.emulator.faults.deaf.clear()
+        assert graph.call("reset_emergency_stop").success
