@@ -191,7 +191,7 @@ def warm_each(
     with stop.handled(), bank.armed(), stop.raising():
         if (seconds := bank.ready_at - clock.now()) > 0:
             on_rest(seconds)
-            bank.wait_until(bank.ready_at, lambda report: None)
+            bank.wait_until(bank.ready_at)
         next_start = clock.now()  # two channels may heat the same spring, where it is wired twice
         for connection in connections:
             closed: list[Connection] = []
@@ -214,5 +214,5 @@ def warm_each(
                     remedy="check the board: eldir rig doctor",
                 )
             while is_answered is not None and not is_answered(connection):
-                bank.wait_until(clock.now() + _TIMER_STEP_S, lambda report: None)
+                bank.wait_until(clock.now() + _TIMER_STEP_S)
             next_start = start + length + pause

@@ -27,7 +27,7 @@ from eldir_hardware.rig.configuration import Rig
 with Guardian(Rig.load(sys.argv[1])) as bank, bank.armed():
     bank.heat(time.monotonic() + 0.3, {1: 5.0, 3: 5.0})
     print(bank.process, flush=True)
-    bank.wait_until(time.monotonic() + 20, lambda report: None)
+    bank.wait_until(time.monotonic() + 20)
 """
 
 

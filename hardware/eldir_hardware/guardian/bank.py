@@ -41,6 +41,10 @@ class Report(NamedTuple):
 ReportCallback = Callable[[Report], None]
 
 
+def ignore_report(report: Report) -> None:
+    """The default: ignore reports."""
+
+
 class HeaterBank(ABC):
     """Heated springs behind a relay board. Times are on its own clock. `heat` is allowed only while armed."""
 
@@ -78,7 +82,7 @@ class HeaterBank(ABC):
         """Open all contacts that heat, and cancel the announced pulses, without a latched stop."""
 
     @abstractmethod
-    def wait_until(self, t: float, on_report: ReportCallback) -> None:
+    def wait_until(self, t: float, on_report: ReportCallback = ignore_report) -> None:
         """Send keepalive messages until `t`, and pass each report to `on_report`."""
 
     @abstractmethod

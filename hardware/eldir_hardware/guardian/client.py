@@ -27,7 +27,7 @@ from eldir_hardware.guardian._connection import (
     clean_environment,
     guardian_command,
 )
-from eldir_hardware.guardian.bank import BOARD_PROOF, HeaterBank, Report, ReportCallback
+from eldir_hardware.guardian.bank import BOARD_PROOF, HeaterBank, Report, ReportCallback, ignore_report
 from eldir_hardware.guardian.measured_heat import (
     CurrentFlowsError,
     UnexpectedHeatError,
@@ -71,10 +71,6 @@ _ERRORS = {
 }
 
 
-def _ignore(report: Report) -> None:
-    """The default: ignore reports."""
-
-
 def _parse_report(values: list[Any]) -> Report:
     return Report._make(tuple(value) if isinstance(value, list) else value for value in values)
 
@@ -91,7 +87,7 @@ class Guardian(HeaterBank, Resource):
         self._sensor_port = sensor_port and os.path.abspath(sensor_port)
         self._port = os.path.abspath(port or rig.require_port())
         self._rig = rig
-        self._on_report: ReportCallback = _ignore
+        self._on_report: ReportCallback = ignore_report
         self._armed = self._has_ended = False
         self._answer_due = self._checked_at = 0.0
         self._supplied: set[int] = set()  # channels in which current was measured in this run
@@ -167,7 +163,7 @@ class Guardian(HeaterBank, Resource):
     def abort_pulses(self) -> None:
         self._connection.send(command="abort_pulses")
 
-    def keep_alive(self, on_report: ReportCallback) -> None:
+    def keep_alive(self, on_report: ReportCallback = ignore_report) -> None:
         """Send a keepalive message, and pass new reports to `on_report`. Raises `EldirError`.
 
         A program with its own loop must call this every `KEEPALIVE_INTERVAL`.
@@ -177,7 +173,7 @@ class Guardian(HeaterBank, Resource):
         self._receive()
         self._require_answers()
 
-    def wait_until(self, t: float, on_report: ReportCallback) -> None:
+    def wait_until(self, t: float, on_report: ReportCallback = ignore_report) -> None:
         while True:
             self.keep_alive(on_report)
             left = t - time.monotonic()

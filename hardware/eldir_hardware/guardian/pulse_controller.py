@@ -16,7 +16,7 @@ from eldir_hardware.clock import Clock
 from eldir_hardware.current_sensor import CurrentSensor, SensorError
 from eldir_hardware.guardian._forecast import HeatingInterval
 from eldir_hardware.guardian._interlock import Interlock
-from eldir_hardware.guardian.bank import BOARD_PROOF, HeaterBank, Report, ReportCallback
+from eldir_hardware.guardian.bank import BOARD_PROOF, HeaterBank, Report, ReportCallback, ignore_report
 from eldir_hardware.guardian.measured_heat import CurrentWatch
 from eldir_hardware.relay.board import RelayBoard
 from eldir_hardware.relay.errors import RelayError
@@ -104,7 +104,7 @@ class PulseController(HeaterBank):
         self._interlock = Interlock(rig, clock.now(), springs)
         self._currents = CurrentWatch(rig, sensor, clock)
         self._board, self._rig, self._clock, self._host = board, rig, clock, host
-        self.on_report: ReportCallback = lambda report: None
+        self.on_report: ReportCallback = ignore_report
         """Called with each report."""
         self._suspended_before = host.suspended_time()
         self._extends_pulses = board.times_pulses and is_retriggerable(rig) is True
@@ -172,7 +172,7 @@ class PulseController(HeaterBank):
             now = self._clock.now()
             self._switch(_Switching(now, now, list(self._pulses), {}))
 
-    def wait_until(self, t: float, on_report: ReportCallback) -> None:
+    def wait_until(self, t: float, on_report: ReportCallback = ignore_report) -> None:
         self.on_report = on_report
         while True:
             self.keep_alive()

@@ -132,7 +132,7 @@ class Player:
                 raise StoppedError(self._stop_reason)
             if self._finish_now:
                 raise _FinishedError
-            self._bank.wait_until(min(until, self._clock.now() + _REACTION_TIME), lambda report: None)
+            self._bank.wait_until(min(until, self._clock.now() + _REACTION_TIME))
 
     @property
     def _cycles(self) -> int:

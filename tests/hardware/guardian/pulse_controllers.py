@@ -29,10 +29,6 @@ def controlled(rig: Rig, slept=lambda: 0.0) -> Iterator[tuple[VirtualRig, PulseC
         yield virtual, bank, seen
 
 
-def ignore(report: Report) -> None:
-    """Nobody looks."""
-
-
 def edges(virtual: VirtualRig, channel: int) -> list[tuple[float, bool]]:
     return [(e.t, e.closed) for e in virtual.emulator.contact_events if e.channel == channel]
 

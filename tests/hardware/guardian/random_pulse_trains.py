@@ -51,7 +51,7 @@ def play_random_train(seed: int) -> Train:
                     at = virtual.clock.now() + float(rng.uniform(0.05, 1.0))
                     chosen = rng.choice([1, 2, 3, 4], size=int(rng.integers(1, 4)), replace=False)
                     bank.heat(at, {int(c): float(rng.uniform(0.05, 1.05 * longest)) for c in chosen})
-                    bank.wait_until(at + float(rng.uniform(0.8, 1.5) * (longest + rest)), lambda report: None)
+                    bank.wait_until(at + float(rng.uniform(0.8, 1.5) * (longest + rest)))
                     if rng.random() < 0.1:
                         bank.abort_pulses()
                 until = virtual.clock.now() + 2.0

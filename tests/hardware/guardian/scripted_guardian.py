@@ -13,7 +13,6 @@ import pytest
 
 from eldir_hardware.guardian import client
 from eldir_hardware.guardian._connection import GuardianConnection
-from eldir_hardware.guardian.bank import Report
 from eldir_hardware.guardian.client import Guardian
 from eldir_hardware.rig.board_identity import identify
 from tests.hardware.rigs_and_schedules import rig_with
@@ -155,7 +154,3 @@ def armed() -> tuple[Guardian, Child]:
     assert guardian.ready_at == 990.0
     child.heard()
     return guardian, child
-
-
-def ignore(report: Report) -> None:
-    """Nobody looks."""

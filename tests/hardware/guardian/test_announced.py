@@ -24,10 +24,6 @@ LEAD = 0.3
 TICK = 0.1
 
 
-def ignore(report) -> None:
-    """Nobody looks."""
-
-
 def taken_together(rig: Rig, pulses: list[HeatingInterval]) -> int:
     """How many pulses are accepted if all are announced at the start."""
     interlock, accepted = Interlock(rig, 0.0), []
@@ -93,7 +89,7 @@ def test_the_controller_looks_at_all_that_it_has_accepted():
             bank.armed(),
         ):
             bank.heat(1.0, {1: 6.0})
-            bank.wait_until(3.0, ignore)
+            bank.wait_until(3.0)
             assert virtual.emulator.contacts[0]
             bank.heat(20.0, {1: 6.0})
             bank.heat(40.0, {1: 1.0})

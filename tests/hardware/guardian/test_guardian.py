@@ -160,7 +160,7 @@ def test_what_the_guardian_refuses(tmp_path, pulses, code):
             now = time.monotonic()
             for after, lengths in pulses:
                 bank.heat(now + after, lengths)
-            bank.wait_until(now + 1.0, lambda report: None)
+            bank.wait_until(now + 1.0)
         assert not any(board.contacts) and read_stop(board.port) is not None
 
 
@@ -179,7 +179,7 @@ def test_an_error_of_the_program_is_a_stop(bench):
     board, path = bench
     with Guardian(Rig.load(path)) as bank, pytest.raises(StoppedError), bank.armed():
         bank.heat(time.monotonic() + 0.3, {1: 2.0})
-        bank.wait_until(time.monotonic() + 0.6, lambda report: None)
+        bank.wait_until(time.monotonic() + 0.6)
         raise StoppedError("someone pressed a key")
     assert not any(board.contacts) and "pressed a key" in (read_stop(board.port) or "")
 
@@ -210,10 +210,10 @@ def test_after_unplugging_the_true_cause_is_told(times, tmp_path, monkeypatch):
                 with Guardian(rig) as bank, bank.armed():
                     bank.heat(time.monotonic() + 0.3, {1: 5.0, 3: 5.0})
                     unplugged = time.monotonic() + 0.5 + 0.13 * (number % 5)
-                    bank.wait_until(unplugged, lambda report: None)
+                    bank.wait_until(unplugged)
                     link.unlink()
                     board.unplug()
-                    bank.wait_until(unplugged + 5.0, lambda report: None)
+                    bank.wait_until(unplugged + 5.0)
             except EldirError as error:
                 told = str(error)
             assert f"the port {board.port} was lost" in told and "died" not in told

@@ -12,7 +12,7 @@ from eldir_hardware.guardian.bank import Report
 from eldir_hardware.guardian.client import Guardian
 from eldir_hardware.relay.errors import ContactError, NotProvenOffError, PortError
 from eldir_hardware.rig.supply import LimitError
-from tests.hardware.guardian.scripted_guardian import NOT_PROVEN, PORT, RIG, STOPPED, armed, ignore, opened
+from tests.hardware.guardian.scripted_guardian import NOT_PROVEN, PORT, RIG, STOPPED, armed, opened
 from tests.hardware.rigs_and_schedules import rig_with
 from tests.raised import raises
 
@@ -76,7 +76,7 @@ def test_only_the_process_holds_its_end(desk):
     guardian, child = opened()
     child.wire.close()
     with raises(EldirError, "guardian.not-armed", match="see its message above"):
-        guardian.keep_alive(ignore)
+        guardian.keep_alive()
     assert child.done == [("wait", 2.0)]
     guardian.stop("later")
 
@@ -86,7 +86,7 @@ def test_one_that_a_signal_ends_before_it_is_armed_has_no_message_above(desk):
     child.wire.close()
     child.status = -signal.SIGTERM
     with raises(EldirError, "guardian.not-armed", match="by SIGTERM") as caught:
-        guardian.keep_alive(ignore)
+        guardian.keep_alive()
     assert "message above" not in str(caught.value)
 
 
@@ -95,7 +95,7 @@ def test_one_that_the_kernel_holds_before_it_is_armed_is_not_waited_for(desk):
     child.wire.close()
     child.hangs = True
     with raises(EldirError, "guardian.not-armed"):
-        guardian.keep_alive(ignore)
+        guardian.keep_alive()
     assert child.done == [("wait", 2.0)]
 
 
@@ -170,17 +170,17 @@ def test_a_beat_passes_reports_and_refusals(desk):
     assert seen == [report] and child.heard() == [{"command": "keepalive"}]
     child.wire.send(**{"event": "refused", "reason": "too long", "code": "limit.long-pulse"})
     with raises(LimitError, "limit.long-pulse"):
-        guardian.keep_alive(ignore)
+        guardian.keep_alive()
 
 
 def test_resting_beats_ten_times_a_second(desk):
     guardian, child = armed()
     child.wire.send(**{"event": "acknowledged"})
-    guardian.wait_until(desk.time.now + 0.45, ignore)
+    guardian.wait_until(desk.time.now + 0.45)
     assert desk.time.now == pytest.approx(1000.45)
     assert desk.time.waits == [pytest.approx(0.1)] * 4 + [pytest.approx(0.05)]
     assert child.heard() == [{"command": "keepalive"}] * 6
-    guardian.wait_until(desk.time.now, ignore)
+    guardian.wait_until(desk.time.now)
     assert len(desk.time.waits) == 5, "the instant itself is not waited for"
 
 
@@ -189,7 +189,7 @@ def test_a_stop_of_the_guardian_is_raised(desk, kind):
     guardian, child = armed()
     child.wire.send(**{"event": "stopped", "reason": "channel 2", "kind": kind, "proof": None})
     with pytest.raises(ContactError if kind == "ContactError" else EldirError, match="channel 2"):
-        guardian.keep_alive(ignore)
+        guardian.keep_alive()
     child.heard()
     guardian.stop("later")
     assert child.heard() == [], "it has stopped already"

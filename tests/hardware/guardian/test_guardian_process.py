@@ -24,10 +24,6 @@ from tests.hardware.emulated_rigs import rig_file, run, wait
 from tests.raised import raises
 
 
-def ignore(report) -> None:
-    """Nobody looks."""
-
-
 @contextmanager
 def bench(folder: Path, kind: str = "lcus") -> Iterator[tuple[EmulatedBoard, Rig]]:
     board = get_emulator(kind)(4, WallClock())
@@ -48,7 +44,7 @@ def heat(bank: Guardian, board: EmulatedBoard) -> None:
     deadline = time.monotonic() + 10.0
     while not board.contacts[0]:
         assert time.monotonic() < deadline
-        bank.wait_until(time.monotonic() + 0.05, ignore)
+        bank.wait_until(time.monotonic() + 0.05)
 
 
 def latched(rig: Rig, why: str) -> None:
@@ -63,7 +59,7 @@ def test_signals_that_stop_the_guardian(tmp_path, number):
         with Guardian(rig) as bank, pytest.raises(EldirError, match=f"stopped by {number.name}"):
             heat(bank, board)
             os.kill(bank.process, number)
-            bank.wait_until(time.monotonic() + 5.0, ignore)
+            bank.wait_until(time.monotonic() + 5.0)
         assert not any(board.contacts)
         latched(rig, f"stopped by {number.name}")
 
@@ -73,7 +69,7 @@ def test_ctrl_c_is_for_the_program(tmp_path):
     with bench(tmp_path) as (board, rig), Guardian(rig) as bank:
         heat(bank, board)
         os.kill(bank.process, signal.SIGINT)
-        bank.wait_until(time.monotonic() + 0.5, ignore)
+        bank.wait_until(time.monotonic() + 0.5)
         assert board.contacts[0]
         bank.disarm()
 
@@ -95,9 +91,9 @@ def test_after_both_slept_the_program_that_wakes_first_does_not_blame_the_guardi
         time.sleep(0.8)  # nor do we keep alive
         # The guardian says so, of the program or, if it was stopped while it waited for the board, of itself.
         with pytest.raises(EldirError, match=r"was suspended|no keepalive message|was delayed by"):
-            bank.keep_alive(ignore)
+            bank.keep_alive()
             os.kill(bank.process, signal.SIGCONT)
-            bank.wait_until(time.monotonic() + 5.0, ignore)
+            bank.wait_until(time.monotonic() + 5.0)
         assert not any(board.contacts)
 
 
@@ -108,7 +104,7 @@ def test_a_program_that_looks_seldom_still_notices_a_guardian_that_hangs(tmp_pat
         with raises(EldirError, "guardian.gone", match="hung; all contacts are open"):
             for _ in range(3):
                 time.sleep(0.7)
-                bank.keep_alive(ignore)
+                bank.keep_alive()
         assert not any(board.contacts)
 
 
@@ -121,7 +117,7 @@ def test_a_stop_that_the_board_does_not_confirm(tmp_path, order):
             board.faults.silent = True
             if order == "stop":
                 bank.stop("a key")
-            bank.wait_until(time.monotonic() + 5.0, ignore)
+            bank.wait_until(time.monotonic() + 5.0)
         board.faults.silent = False
         latched(rig, "not proven that everything is off")
 
@@ -147,7 +143,7 @@ def test_a_guardian_that_dies_where_its_board_is_silent(tmp_path):
             heat(bank, board)
             board.faults.silent = True
             os.kill(bank.process, signal.SIGKILL)
-            bank.wait_until(time.monotonic() + 5.0, ignore)
+            bank.wait_until(time.monotonic() + 5.0)
         assert wait(lambda: not any(board.contacts)), "opened all the same"
         board.faults.silent = False
         latched(rig, "the guardian died")
@@ -169,7 +165,7 @@ def test_a_guardian_that_never_armed_latches_nothing(tmp_path):
         with Guardian(rig) as bank:
             os.kill(bank.process, signal.SIGTERM)
             with pytest.raises(EldirError):
-                bank.wait_until(time.monotonic() + 5.0, ignore)
+                bank.wait_until(time.monotonic() + 5.0)
         with Guardian(rig) as bank, bank.armed():
             pass
 
@@ -181,7 +177,7 @@ def test_orders_that_open_without_a_stop(tmp_path, how):
             heat(bank, board)
             if how == "cut":
                 bank.abort_pulses()
-                bank.wait_until(time.monotonic() + 0.5, ignore)
+                bank.wait_until(time.monotonic() + 0.5)
                 assert not any(board.contacts)
             if how != "end":
                 bank.disarm()
@@ -197,7 +193,7 @@ def test_a_pulse_that_is_refused_is_told_to_the_program(tmp_path):
         heat(bank, board)
         bank.heat(time.monotonic() + 1.0, {7: 1.0})
         with raises(LimitError, "limit.other-wiring", match="channel 7"):
-            bank.wait_until(time.monotonic() + 2.0, ignore)
+            bank.wait_until(time.monotonic() + 2.0)
         bank.disarm()
 
 
@@ -217,5 +213,5 @@ def test_off_ends_a_guardian_that_hangs(tmp_path):
             assert result.exit_code == 0, result.output
             assert not any(board.contacts)
             with pytest.raises(EldirError):
-                bank.wait_until(time.monotonic() + 3.0, ignore)
+                bank.wait_until(time.monotonic() + 3.0)
         latched(rig, "is stopped")

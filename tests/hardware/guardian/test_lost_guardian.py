@@ -16,7 +16,7 @@ from eldir_hardware.rig.board_identity import identify
 from eldir_hardware.safety.latch import find_record, latch, read_stop
 from eldir_hardware.safety.off_frames import off_frames
 from eldir_hardware.safety.stop_signals import StoppedError
-from tests.hardware.guardian.scripted_guardian import ARMED, PORT, READY, RIG, armed, ignore, opened
+from tests.hardware.guardian.scripted_guardian import ARMED, PORT, READY, RIG, armed, opened
 from tests.raised import raises
 
 
@@ -31,7 +31,7 @@ def test_a_signal_while_the_contacts_are_opened_from_here(desk, interrupt):
         child.wire.close()
         outcome = pytest.raises(type(interrupt) if proven else NotProvenOffError)
         with outcome as raised, guardian_armed_already(guardian):
-            guardian.keep_alive(ignore)
+            guardian.keep_alive()
         assert desk.opens == ([PORT, "off", ("sensor", None)] if proven else [])
         if proven:
             assert raised.value.__notes__ == ["all contacts are open by the board's report"]
@@ -59,7 +59,7 @@ def test_a_killed_guardian_that_the_kernel_holds(desk):
     guardian.arm()
     child.hangs = True
     with pytest.raises(NotProvenOffError, match=r"process does not end.*; cut the heating supply now"):
-        guardian.wait_until(desk.time.now + 5, ignore)
+        guardian.wait_until(desk.time.now + 5)
     assert child.done == ["kill", ("wait", 2.0)] and desk.opens == []
     assert os.read(ours, 1000) == off_frames(RIG.board.kind, RIG.board.channels)
     assert guardian.proof is None
@@ -71,7 +71,7 @@ def test_a_guardian_that_hangs(desk):
     """Its process is killed, and the contacts are opened from here."""
     guardian, child = armed()
     with raises(EldirError, "guardian.gone", match=r"hung; all contacts are open by the board's report$"):
-        guardian.wait_until(desk.time.now + 5, ignore)
+        guardian.wait_until(desk.time.now + 5)
     assert 1000.6 < desk.time.now < 1000.75
     assert child.done == ["kill", ("wait", 2.0)]
     assert desk.opens == [PORT, "off", ("sensor", None)]
@@ -85,7 +85,7 @@ def test_a_guardian_that_answers_late_but_in_time(desk):
     guardian, child = armed()
     for t in (0.55, 1.1, 1.6):
         desk.time.at[1000 + t] = lambda: child.wire.send(**{"event": "acknowledged"})
-    guardian.wait_until(desk.time.now + 2.0, ignore)
+    guardian.wait_until(desk.time.now + 2.0)
     assert child.done == []
 
 
@@ -96,7 +96,7 @@ def test_a_guardian_that_opens_the_contacts_may_take_longer(desk):
     guardian.disarm()
     assert child.done == [] and desk.time.now >= 1005
     desk.time.now += 100
-    guardian.wait_until(desk.time.now + 5, ignore)  # nothing heats: nobody needs to answer
+    guardian.wait_until(desk.time.now + 5)  # nothing heats: nobody needs to answer
     assert child.done == []
 
 
@@ -122,7 +122,7 @@ def test_a_guardian_that_hangs_while_it_opens_the_contacts(desk):
     guardian, child = armed()
     desk.time.at[1000.5] = lambda: child.wire.send(**{"event": "opening"})
     with raises(EldirError, "guardian.gone", match="hung"):
-        guardian.wait_until(desk.time.now + 60, ignore)
+        guardian.wait_until(desk.time.now + 60)
     assert 1010.9 < desk.time.now < 1011.3
 
 
@@ -136,16 +136,16 @@ def test_arming_that_is_not_answered(desk):
 
 def test_a_program_that_stood_still_waits_once_more_and_only_once(desk):
     guardian, child = armed()
-    guardian.keep_alive(ignore)
+    guardian.keep_alive()
     desk.time.now += 2.0
-    guardian.keep_alive(ignore)
+    guardian.keep_alive()
     assert child.done == [], "its answers may be on their way"
     desk.time.now += 0.25
-    guardian.keep_alive(ignore)
+    guardian.keep_alive()
     assert child.done == []
     desk.time.now += 0.1
     with raises(EldirError, "guardian.gone", match="hung"):
-        guardian.keep_alive(ignore)
+        guardian.keep_alive()
 
 
 def test_a_guardian_that_has_died(desk):
@@ -157,7 +157,7 @@ def test_a_guardian_that_has_died(desk):
         "guardian.gone",
         match="died; all contacts are open by the board's report; no current flows",
     ):
-        guardian.keep_alive(ignore)
+        guardian.keep_alive()
     assert child.done == [("wait", 2.0)] and read_stop(PORT) == "the guardian died"
     assert find_record(PORT).opened is not None
 
@@ -169,7 +169,7 @@ def test_a_guardian_that_was_killed_by_rig_off(desk):
     with raises(
         EldirError, "guardian.gone", match=r"died \(stopped by eldir rig off\); all contacts are open"
     ):
-        guardian.keep_alive(ignore)
+        guardian.keep_alive()
     assert read_stop(PORT) == "stopped by eldir rig off"
 
 
@@ -182,7 +182,7 @@ def test_a_guardian_that_has_died_where_its_latch_cannot_be_read(desk, monkeypat
     monkeypatch.setattr(client, "read_stop", unreadable)
     child.wire.close()
     with raises(EldirError, "guardian.gone", match="died; all contacts are open"):
-        guardian.keep_alive(ignore)
+        guardian.keep_alive()
 
 
 def test_a_guardian_that_has_died_with_its_port(desk, tmp_path):
@@ -201,7 +201,7 @@ def test_a_guardian_that_has_died_with_its_port(desk, tmp_path):
         match=rf"the guardian died, and the port {port} was lost, and the contacts cannot be opened: "
         "cannot open it; cut the heating supply now",
     ):
-        guardian.keep_alive(ignore)
+        guardian.keep_alive()
     assert find_record(str(port)).opened is None
 
 
@@ -221,7 +221,7 @@ def test_what_the_sensor_says_after_a_guardian_has_died(desk, measured, kind, te
     desk.measured = measured
     child.wire.close()
     with pytest.raises(kind, match=text):
-        guardian.keep_alive(ignore)
+        guardian.keep_alive()
 
 
 def test_a_port_that_rig_off_holds_is_waited_for(desk, monkeypatch):
@@ -231,7 +231,7 @@ def test_a_port_that_rig_off_holds_is_waited_for(desk, monkeypatch):
     monkeypatch.setattr(client, "find_holder", lambda port: holders.append(str(port)) or "another")
     child.wire.close()
     with raises(EldirError, "guardian.gone", match="all contacts are open"):
-        guardian.keep_alive(ignore)
+        guardian.keep_alive()
     assert holders == [PORT] * 5 and desk.time.now == pytest.approx(1000.1)
 
 
@@ -243,7 +243,7 @@ def test_a_port_that_stays_closed(desk, monkeypatch, held):
     monkeypatch.setattr(client, "find_holder", lambda port: "another" if held else None)
     child.wire.close()
     with pytest.raises(NotProvenOffError, match="the contacts cannot be opened: cannot open it"):
-        guardian.keep_alive(ignore)
+        guardian.keep_alive()
     assert desk.time.now == pytest.approx(1003.02 if held else 1000.0, abs=0.011)
     assert desk.opens == [] and read_stop(PORT) == "the guardian died"
 
@@ -254,5 +254,5 @@ def test_contacts_that_are_not_proven_open_are_not_tried_again(desk, monkeypatch
     monkeypatch.setattr(client, "find_holder", lambda port: "another")
     child.wire.close()
     with pytest.raises(NotProvenOffError, match="channel 2 did not switch"):
-        guardian.keep_alive(ignore)
+        guardian.keep_alive()
     assert desk.opens == []

@@ -33,10 +33,6 @@ from tests.raised import raises
 SENSOR = {"kind": "ina3221"}
 
 
-def ignore(report: Report) -> None:
-    pass
-
-
 class Ended(NamedTuple):
     """How a run ended in which channel 2 was to heat for 1.5 s and the others for 4 s."""
 
@@ -189,7 +185,7 @@ def test_a_stop_for_another_reason_finds_the_welded_contact():
         with pytest.raises(EldirError) as told, bank.armed():
             start = time.monotonic() + 0.5
             bank.heat(start, {1: 3.0, 3: 3.0})
-            bank.wait_until(start + 1.0, ignore)
+            bank.wait_until(start + 1.0)
             stop_welded(virtual)
         assert read_stop(virtual.emulator.port)
         assert not virtual.emulator.contacts[0]
@@ -214,10 +210,10 @@ def test_faults_while_it_heats(name):
         start = virtual.clock.now() + 0.5
         with pytest.raises(error) as told, bank.armed():
             bank.heat(start, {1: 4.0, 2: 1.5, 3: 4.0, 4: 4.0})
-            bank.wait_until(start + 1.0, ignore)
+            bank.wait_until(start + 1.0)
             assert virtual.emulator.contacts == (True,) * 4
             strike(virtual)
-            bank.wait_until(start + 4.5, ignore)
+            bank.wait_until(start + 4.5)
         assert not any(virtual.emulator.contacts)
         check(
             name, str(told.value), bank.proof, max(e.t for e in virtual.emulator.contact_events) - start - 1.0
@@ -235,10 +231,10 @@ def test_a_weld_is_seen_soon_on_every_board(kind, chip, others):
         seen: list[float] = []
         with pytest.raises(CurrentFlowsError, match="channel 2"), bank.armed():
             bank.heat(start, {1: 4.0, 2: 1.5, 4: 4.0} if others else {2: 1.5})
-            bank.wait_until(start + 1.0, ignore)
+            bank.wait_until(start + 1.0)
             virtual.emulator.faults.welded.add(2)
             try:
-                bank.wait_until(start + 4.5, ignore)
+                bank.wait_until(start + 4.5)
             finally:
                 seen.append(virtual.clock.now() - start - 1.5)
         print(f"\n{kind}, {chip}{', others too' if others else ''}: seen after {1e3 * seen[0]:.0f} ms")
@@ -285,7 +281,7 @@ def test_a_contact_that_welds_in_the_last_pulse_is_found_at_the_end():
     with controller() as (virtual, bank):
         with pytest.raises(CurrentFlowsError, match="channel 1"), bank.armed():
             bank.heat(virtual.clock.now() + 0.5, {1: 2.0})
-            bank.wait_until(virtual.clock.now() + 2.0, ignore)
+            bank.wait_until(virtual.clock.now() + 2.0)
             virtual.emulator.faults.welded.add(1)
         assert virtual.springs.max_temperature_c < 90
 
@@ -294,9 +290,9 @@ def test_a_lost_sensor_ends_the_run_by_the_boards_report_alone():
     with controller() as (virtual, bank):
         with raises(SensorError, "sensor", match="0x41 does not answer"), bank.armed():
             bank.heat(virtual.clock.now() + 0.5, {1: 3.0})
-            bank.wait_until(virtual.clock.now() + 2.0, ignore)
+            bank.wait_until(virtual.clock.now() + 2.0)
             virtual.emulated_sensor.i2c.chips[0x41].faults.missing = True
-            bank.wait_until(virtual.clock.now() + 2.0, ignore)
+            bank.wait_until(virtual.clock.now() + 2.0)
         assert not any(virtual.emulator.contacts)
         assert bank.proof == "all contacts are open by the board's report"
 
@@ -310,7 +306,7 @@ def test_a_contactor_that_opens_ends_the_current_of_a_welded_contact():
         bank = PulseController(virtual.board, rig, virtual.clock, sensor=virtual.sensor)
         with bank.armed():
             bank.heat(virtual.clock.now() + 0.5, {1: 1.0, 2: 2.0})
-            bank.wait_until(virtual.clock.now() + 4.0, ignore)
+            bank.wait_until(virtual.clock.now() + 4.0)
     assert bank.proof == (
         "all contacts are open by the board's report; "
         "no current flows in channels 1, 2 by the sensor (it measured the supply in all of them in this "
@@ -325,7 +321,7 @@ def test_a_rehearsal_with_the_supply_off_plays_to_its_end():
         virtual.springs.has_supply = False
         with bank.armed():
             bank.heat(virtual.clock.now() + 0.5, {1: 2.0, 2: 1.0})
-            bank.wait_until(virtual.clock.now() + 3.0, ignore)
+            bank.wait_until(virtual.clock.now() + 3.0)
         virtual.frame(virtual.clock.now())
         room = virtual.springs.parameters[0].ambient
         assert len(virtual.emulator.contact_events) == 4 and virtual.springs.max_temperature_c == room
@@ -348,7 +344,7 @@ def test_nothing_is_late_because_it_measures(kind):
                 start = 1.5
                 for k in range(6):
                     bank.heat(start + 1.7 * k, {1: 0.4 + 0.07 * k, 3: 0.3 + 0.1 * k})
-                    bank.wait_until(start + 1.7 * k + 1.4, ignore)
+                    bank.wait_until(start + 1.7 * k + 1.4)
             found.append([(e.channel, e.closed, e.t) for e in virtual.emulator.contact_events])
     for with_sensor in found[1:]:
         assert [e[:2] for e in with_sensor] == [e[:2] for e in found[0]]

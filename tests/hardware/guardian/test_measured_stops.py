@@ -13,7 +13,6 @@ import pytest
 from eldir.errors import EldirError
 from eldir_app import emergency_stop
 from eldir_hardware.current_sensor import SensorError
-from eldir_hardware.guardian.bank import Report
 from eldir_hardware.guardian.client import Guardian
 from eldir_hardware.guardian.measured_heat import CurrentFlowsError
 from eldir_hardware.guardian.stop_reset import proven_open, reset_emergency_stop
@@ -29,10 +28,6 @@ from tests.hardware.rigs_and_schedules import rig_with
 from tests.hardware.virtual.piston_and_observer import Piston
 
 SENSOR = {"kind": "ina3221"}
-
-
-def ignore(report: Report) -> None:
-    """Nobody looks."""
 
 
 OPEN = "all contacts are open by the board's report"
@@ -87,7 +82,7 @@ def heating_channel_2(path: Path, monkeypatch) -> Iterator[Guardian]:
 
         monkeypatch.setattr(off_targets, "list_guarded_ports", own)
         bank.heat(time.monotonic() + 0.3, {2: 4.0})
-        bank.wait_until(time.monotonic() + 0.8, ignore)
+        bank.wait_until(time.monotonic() + 0.8)
         yield bank
 
 
@@ -101,7 +96,7 @@ def test_off_without_a_rig_file_measures_with_the_sensor_of_the_run(tmp_path, mo
             stopped = run(*words)
             size = len(json.dumps(find_record(virtual.emulator.port).sensor_entries))
             assert size < 8192, "of the 65536 bytes that are read of a record"
-            bank.wait_until(time.monotonic() + 2.0, ignore)
+            bank.wait_until(time.monotonic() + 2.0)
         later = run(*words)
         for result in (stopped, later):
             assert result.exit_code == 1
@@ -179,11 +174,11 @@ def test_after_the_guardian_died_the_program_measures(tmp_path, welded):
         expected = "current flows in channel 2" if welded else f"the guardian died; {OPEN}; {ONLY_2}"
         with pytest.raises(Exception, match=expected) as told, bank.armed():
             bank.heat(time.monotonic() + 0.3, {2: 4.0})
-            bank.wait_until(time.monotonic() + 1.0, ignore)
+            bank.wait_until(time.monotonic() + 1.0)
             if welded:
                 virtual.emulator.faults.welded.add(2)
             os.kill(bank.process, signal.SIGKILL)
-            bank.wait_until(time.monotonic() + 2.0, ignore)
+            bank.wait_until(time.monotonic() + 2.0)
         assert isinstance(told.value, CurrentFlowsError) is welded
         assert "the guardian died" in str(told.value)
 
@@ -193,7 +188,7 @@ def proof_after(path: Path, heated: dict[int, float]) -> str:
     with pytest.raises(KeyboardInterrupt) as stopped, Guardian(Rig.load(path)) as bank, bank.armed():
         start = time.monotonic() + 0.3
         bank.heat(start, heated)
-        bank.wait_until(start + 1.2, ignore)
+        bank.wait_until(start + 1.2)
         raise KeyboardInterrupt
     [proof] = stopped.value.__notes__
     return proof
@@ -226,14 +221,14 @@ def test_what_an_earlier_run_saw_proves_nothing_of_the_next(tmp_path):
     with bench(tmp_path) as (virtual, path), Guardian(Rig.load(path)) as bank:
         with bank.armed():
             bank.heat(time.monotonic() + 0.3, {2: 1.0})
-            bank.wait_until(time.monotonic() + 1.6, ignore)
+            bank.wait_until(time.monotonic() + 1.6)
         virtual.springs.has_supply = False
         with (
             pytest.raises(EldirError, match=f"the guardian died; {OPEN}; .*channels 1 to 4, but it"),
             bank.armed(),
         ):
             os.kill(bank.process, signal.SIGKILL)
-            bank.wait_until(time.monotonic() + 2.0, ignore)
+            bank.wait_until(time.monotonic() + 2.0)
 
 
 def test_a_sensor_that_fails_at_the_start_leaves_no_stop(tmp_path):

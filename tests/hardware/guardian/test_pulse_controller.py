@@ -8,7 +8,7 @@ from eldir.errors import EldirError
 from eldir_hardware.guardian.pulse_controller import Host, KeepaliveError, PulseController
 from eldir_hardware.relay.errors import SilentBoardError
 from eldir_hardware.safety.limits import LimitError
-from tests.hardware.guardian.pulse_controllers import FAN, controlled, edges, ignore, rig_of, step_until
+from tests.hardware.guardian.pulse_controllers import FAN, controlled, edges, rig_of, step_until
 from tests.hardware.rigs_and_schedules import rig_with
 from tests.raised import raises
 
@@ -19,7 +19,7 @@ from tests.raised import raises
 def test_how_long_a_heartbeat_may_be_missing(silent, stops):
     with controlled(rig_of()) as (virtual, bank, _):
         bank.arm()
-        bank.wait_until(3.0, ignore)
+        bank.wait_until(3.0)
         heard = virtual.clock.now()
         step_until(virtual, bank, heard + silent)
         if stops:
@@ -34,7 +34,7 @@ def test_how_late_anything_may_be(late, stops):
     """Counted from when it was due. A heartbeat just before does not excuse it."""
     with controlled(rig_of()) as (virtual, bank, _):
         bank.arm()
-        bank.wait_until(3.0, ignore)
+        bank.wait_until(3.0)
         virtual.clock.sleep_until(bank.step() + late)
         bank.keep_alive()
         if stops:
@@ -69,7 +69,7 @@ def test_a_computer_that_was_asleep(slept, stops):
     counter = [100.0]
     with controlled(rig_of(), lambda: counter[0]) as (_, bank, _):
         bank.arm()
-        bank.wait_until(1.0, ignore)
+        bank.wait_until(1.0)
         counter[0] += slept
         if stops:
             with raises(EldirError, "guardian.asleep"):
@@ -84,7 +84,7 @@ def test_a_program_that_slept_while_it_waited_does_not_blame_the_board(monkeypat
     with controlled(rig_of()) as (virtual, bank, _):
         bank.arm()
         bank.heat(1.0, {1: 5.0})
-        bank.wait_until(2.0, ignore)
+        bank.wait_until(2.0)
 
         def silent() -> None:
             virtual.clock.sleep_until(virtual.clock.now() + gap)
@@ -92,7 +92,7 @@ def test_a_program_that_slept_while_it_waited_does_not_blame_the_board(monkeypat
 
         monkeypatch.setattr(virtual.board, "_report", silent)
         with pytest.raises(EldirError, match=message):
-            bank.wait_until(4.0, ignore)
+            bank.wait_until(4.0)
 
 
 @pytest.mark.parametrize("phase", ["_report", "_command_many"])
@@ -102,7 +102,7 @@ def test_how_long_a_step_may_take(monkeypatch, phase, gap, stops):
     with controlled(rig_of()) as (virtual, bank, _):
         bank.arm()
         bank.heat(1.0, {1: 5.0})
-        bank.wait_until(2.0, ignore)
+        bank.wait_until(2.0)
         original, left = getattr(virtual.board, phase), [gap]
 
         def slow(*arguments: object) -> object:
@@ -114,9 +114,9 @@ def test_how_long_a_step_may_take(monkeypatch, phase, gap, stops):
         bank.heat(2.5, {2: 2.0})
         if stops:
             with raises(EldirError, "guardian.stood-still", match=r"0\.6 s"):
-                bank.wait_until(4.0, ignore)
+                bank.wait_until(4.0)
         else:
-            bank.wait_until(4.0, ignore)
+            bank.wait_until(4.0)
         assert not left
 
 
@@ -155,12 +155,12 @@ def test_a_board_that_another_user_stopped_closes_nothing_more():
         bank = PulseController(virtual.board, rig_of(), virtual.clock, host=Host(before_closing=may_close))
         bank.arm()
         bank.heat(1.0, {1: 1.0})
-        bank.wait_until(3.0, ignore)
+        bank.wait_until(3.0)
         assert len(asked) == 1, "nothing but a closing asks"
         bank.heat(12.0, {1: 1.0})
         stopped.append(True)
         with pytest.raises(EldirError, match="it is stopped"):
-            bank.wait_until(13.0, ignore)
+            bank.wait_until(13.0)
         assert len(edges(virtual, 1)) == 2, "the second pulse has not begun"
 
 
@@ -168,7 +168,7 @@ def test_a_second_stop_does_nothing():
     with controlled(rig_of()) as (virtual, bank, _):
         bank.arm()
         bank.heat(1.0, {1: 5.0})
-        bank.wait_until(2.0, ignore)
+        bank.wait_until(2.0)
         bank.stop("a key")
         assert not any(virtual.emulator.contacts)
         written = virtual.board.bytes_written
@@ -195,12 +195,12 @@ def test_a_cut_opens_what_heats_and_forgets_what_was_announced():
         bank.arm()
         bank.heat(1.0, {1: 5.0, 2: 4.0})
         bank.heat(3.0, {3: 1.0})
-        bank.wait_until(2.0, ignore)
+        bank.wait_until(2.0)
         assert virtual.emulator.contacts == (True, True, False, False, True)
         bank.abort_pulses()
-        bank.wait_until(2.1, ignore)
+        bank.wait_until(2.1)
         assert virtual.emulator.contacts == (False, False, False, False, True)
-        bank.wait_until(5.0, ignore)
+        bank.wait_until(5.0)
         assert edges(virtual, 3) == []
         written = virtual.board.bytes_written
         bank.abort_pulses()
@@ -208,7 +208,7 @@ def test_a_cut_opens_what_heats_and_forgets_what_was_announced():
         with raises(LimitError, "limit.no-rest"):
             bank.heat(9.9, {1: 1.0})
         bank.heat(10.1, {1: 1.0})
-        bank.wait_until(10.5, ignore)
+        bank.wait_until(10.5)
         assert virtual.emulator.contacts[0]
 
 
@@ -233,7 +233,7 @@ def test_pulses_announced_in_any_order_come_on_time():
         bank.arm()
         for at, lengths in ((6.0, {2: 2.0}), (1.0, {1: 2.0}), (3.5, {3: 2.0, 4: 1.0})):
             bank.heat(at, lengths)
-        bank.wait_until(9.0, ignore)
+        bank.wait_until(9.0)
         for channel, times in ((1, (1.0, 3.0)), (2, (6.0, 8.0)), (3, (3.5, 5.5)), (4, (3.5, 4.5))):
             assert [t for t, _ in edges(virtual, channel)] == pytest.approx(times, abs=0.0025)
         assert bank._max_delay < 1e-6
@@ -247,7 +247,7 @@ def test_edges_that_nearly_coincide_go_out_as_one(apart, seen):
         bank.heat(1.0, {1: 2.0, 2: 2.0 + apart})
         bank.heat(5.0, {3: 2.0})
         bank.heat(5.0 + apart, {4: 2.0})
-        bank.wait_until(8.0, ignore)
+        bank.wait_until(8.0)
         ends = [edges(virtual, c)[1][0] for c in (1, 2)]
         begins = [edges(virtual, c)[0][0] for c in (3, 4)]
         assert ends[1] - ends[0] == pytest.approx(seen, abs=1e-6)
@@ -258,7 +258,7 @@ def test_rest_returns_when_its_time_has_come():
     with controlled(rig_of()) as (virtual, bank, _):
         bank.arm()
         for t in (1.0, 1.01, 4.0):
-            bank.wait_until(t, ignore)
+            bank.wait_until(t)
             assert t <= virtual.clock.now() < t + 0.06
 
 
@@ -269,7 +269,7 @@ def test_what_heats_already_counts_when_more_is_announced():
         bank.heat(1.0, {1: 4.0, 2: 4.0})
         with raises(LimitError, "limit.no-rest"):
             bank.heat(7.0, {1: 1.0})
-        bank.wait_until(2.0, ignore)
+        bank.wait_until(2.0)
         with raises(LimitError, "limit.supply"):
             bank.heat(4.0, {3: 1.0})
         bank.heat(5.1, {3: 1.0})

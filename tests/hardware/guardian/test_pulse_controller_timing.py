@@ -8,7 +8,7 @@ from eldir.errors import EldirError
 from eldir_hardware.relay.registration import installed_kinds
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.sections import BoardEntry
-from tests.hardware.guardian.pulse_controllers import FAN, controlled, edges, ignore, rig_of
+from tests.hardware.guardian.pulse_controllers import FAN, controlled, edges, rig_of
 from tests.hardware.rigs_and_schedules import rig_with
 from tests.raised import raises
 
@@ -22,7 +22,7 @@ def test_contacts_move_at_their_instant(kind):
         bank.arm()
         bank.heat(1.0, {1: 2.0, 3: 2.0})
         bank.heat(6.0, {2: 1.5})
-        bank.wait_until(9.0, ignore)
+        bank.wait_until(9.0)
         both = [[edges(virtual, c)[i][0] for c in (1, 3)] for i in (0, 1)]
         assert [sum(t) / 2 for t in both] == pytest.approx([1.0, 3.0], abs=1e-6)
         assert [t for t, _ in edges(virtual, 2)] == pytest.approx([6.0, 7.5], abs=1e-6)
@@ -55,7 +55,7 @@ def test_a_pulse_is_repeated_before_it_ends(seconds):
         told = flashes(virtual)
         bank.arm()
         bank.heat(1.0, {1: seconds})
-        bank.wait_until(8.0, ignore)
+        bank.wait_until(8.0)
         (closed, _), (opened, _) = edges(virtual, 1)
         assert closed == pytest.approx(1.0, abs=1e-6)
         assert opened == pytest.approx(1.0 + seconds, abs=0.002)
@@ -74,7 +74,7 @@ def test_a_pulse_is_not_repeated_across_an_edge():
         bank.arm()
         bank.heat(1.0, {1: 3.0})
         bank.heat(1.2, {2: 1.1})
-        bank.wait_until(6.0, ignore)
+        bank.wait_until(6.0)
         assert [t for t, _ in edges(virtual, 1)] == pytest.approx([1.0, 4.0], abs=0.01)
         assert [t for t, _ in edges(virtual, 2)] == pytest.approx([1.2, 2.3], abs=1e-6)
         assert bank._max_delay == pytest.approx(16 * 10 / 9600), "the frame of a repetition and its echo"
@@ -90,7 +90,7 @@ def test_a_board_that_ignores_a_second_pulse_gets_one_of_full_length():
         told = flashes(virtual)
         bank.arm()
         bank.heat(1.0, {1: 2.34})
-        bank.wait_until(6.0, ignore)
+        bank.wait_until(6.0)
         assert [tenths for _, _, tenths in told] == [24]
         assert [t for t, _ in edges(virtual, 1)] == pytest.approx([1.0, 3.34], abs=0.002)
 
@@ -121,7 +121,7 @@ def test_a_contactor_is_closed_exactly_while_something_heats(pulses):
         bank.arm()
         for at, lengths in pulses.items():
             bank.heat(at, lengths)
-        bank.wait_until(14.0, ignore)
+        bank.wait_until(14.0)
         order = [(e.channel, e.closed) for e in sorted(virtual.emulator.contact_events)]
         spans = sorted((at, at + s) for at, lengths in pulses.items() for s in lengths.values())
         heated: list[list[float]] = []
@@ -143,13 +143,13 @@ def test_a_cut_opens_the_contactor_last():
     with controlled(contactor_rig()) as (virtual, bank, _):
         bank.arm()
         bank.heat(1.0, {1: 4.0, 2: 4.0})
-        bank.wait_until(2.0, ignore)
+        bank.wait_until(2.0)
         bank.abort_pulses()
-        bank.wait_until(2.3, ignore)
+        bank.wait_until(2.3)
         opened = [e.channel for e in sorted(virtual.emulator.contact_events) if not e.closed]
         assert sorted(opened) == [1, 2, 5] and not any(virtual.emulator.contacts)
         bank.heat(11.0, {1: 1.0})
-        bank.wait_until(13.0, ignore)
+        bank.wait_until(13.0)
         assert [t for t, _ in edges(virtual, 5)][2:] == pytest.approx([11.0, 12.0], abs=0.05)
 
 
@@ -231,7 +231,7 @@ def test_a_contactor_on_the_first_channel():
     with controlled(rig) as (virtual, bank, _):
         bank.arm()
         bank.heat(1.0, {2: 2.0, 3: 2.0})
-        bank.wait_until(5.0, ignore)
+        bank.wait_until(5.0)
         order = sorted(virtual.emulator.contact_events, key=lambda e: e.t)
         assert [(e.channel, e.closed) for e in order[:3]] == [(1, True), (2, True), (3, True)]
         assert {e.channel for e in order[3:]} == {1, 2, 3} and len({e.t for e in order[3:]}) == 1
@@ -245,7 +245,7 @@ def test_a_repeated_pulse_gives_way_to_an_edge(apart):
         bank.arm()
         bank.heat(1.0, {1: 3.0})
         bank.heat(1.5 + apart, {2: 1.0})
-        bank.wait_until(6.0, ignore)
+        bank.wait_until(6.0)
         assert edges(virtual, 2)[0][0] == pytest.approx(1.5 + apart, abs=1e-3)
         assert [closed for _, closed in edges(virtual, 1)] == [True, False], "it goes on all the time"
         sent = [t for t, channel, _ in told if channel == 1]

@@ -13,7 +13,7 @@ from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.supply import worst_springs
 from eldir_hardware.safety.spring_memory import SpringHeat, load_springs
 from eldir_hardware.virtual.rig import VirtualRig
-from tests.hardware.guardian.pulse_controllers import FAN, controlled, edges, ignore, rig_of
+from tests.hardware.guardian.pulse_controllers import FAN, controlled, edges, rig_of
 from tests.hardware.guardian.recording_controller import PORT
 from tests.hardware.rigs_and_schedules import rig_with
 
@@ -25,7 +25,7 @@ OPEN = (False,) * 4
 def heat_once(virtual: VirtualRig, bank: PulseController) -> None:
     at = virtual.clock.now() + 0.5
     bank.heat(at, {1: PULSE})
-    bank.wait_until(at + PULSE + 0.1, ignore)
+    bank.wait_until(at + PULSE + 0.1)
 
 
 def temperature_after(virtual: VirtualRig, rig: Rig, blown_until: float) -> float:
@@ -58,7 +58,7 @@ def test_springs_cool_in_still_air_until_the_fan_blows_again(fan, end):
         if end == "disarmed":
             bank.arm()
             assert bank.ready_at > virtual.clock.now() + 20.0
-            bank.wait_until(bank.ready_at, ignore)
+            bank.wait_until(bank.ready_at)
             assert bank.export_springs()[1].temperature_c[1] == pytest.approx(32.0, abs=0.3), "by the fan"
 
 
@@ -68,7 +68,7 @@ def test_what_a_stop_during_a_pulse_heats_is_blown_until_the_fan_stops():
     with controlled(rig) as (virtual, bank, _):
         bank.arm()
         bank.heat(1.0, {1: PULSE})
-        bank.wait_until(4.0, ignore)
+        bank.wait_until(4.0)
         bank.stop("by a test")
         virtual.clock.sleep_until(virtual.clock.now() + WAIT)
         expected = temperature_after(virtual, rig, edges(virtual, 5)[-1][0])

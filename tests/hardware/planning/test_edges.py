@@ -39,11 +39,11 @@ def test_edges_are_where_the_protocol_lets_them_be(kind):
         with bank.armed():
             for _ in range(12):
                 length = rng.uniform(0.2, 1.2)
-                bank.wait_until(at - rng.uniform(0.3, 0.4), lambda report: None)
+                bank.wait_until(at - rng.uniform(0.3, 0.4))
                 bank.heat(at, {2: length, 3: length})
                 wanted += [(at, True), (at + length, False)]
                 at += length + rng.uniform(0.5, 1.5)
-            bank.wait_until(at, lambda report: None)
+            bank.wait_until(at)
         edges = virtual.emulator.contact_events
     assert len(edges) == 2 * len(wanted)
     for (instant, closed), pair in zip(wanted, zip(edges[::2], edges[1::2], strict=True), strict=True):
@@ -62,7 +62,7 @@ def test_what_closes_as_another_opens():
             with bank.armed():
                 bank.heat(1.0, {1: 2.0})
                 bank.heat(3.0, {2: 1.0})
-                bank.wait_until(5.0, lambda report: None)
+                bank.wait_until(5.0)
             found = [(e.channel, e.closed, e.t) for e in virtual.emulator.contact_events]
         assert [f[:2] for f in found] == [(1, True), (1, False), (2, True), (2, False)]
         assert found[2][2] - found[1][2] == pytest.approx((frames - 1) * 4 * BYTE, abs=1e-6)

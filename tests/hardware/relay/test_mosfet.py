@@ -55,7 +55,7 @@ def test_a_brown_out_and_a_hung_program_are_noticed_and_end_the_run(fault: str) 
         virtual.clock.call_at(struck, lambda t: getattr(virtual.emulator, fault)())
         with pytest.raises(EldirError) as told, bank.armed():
             bank.heat(virtual.clock.now() + 0.5, {1: 5.0, 2: 5.0})
-            bank.wait_until(virtual.clock.now() + 6.0, lambda report: None)
+            bank.wait_until(virtual.clock.now() + 6.0)
         virtual.clock.sleep_until(struck + 0.5)  # the board's own time; nobody talks to it any more
         assert not any(virtual.emulator.contacts)
         last = max(e.t for e in virtual.emulator.contact_events)

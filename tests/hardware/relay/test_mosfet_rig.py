@@ -78,7 +78,7 @@ def test_a_fan_on_a_steady_channel_runs_while_the_springs_rest(monkeypatch) -> N
     with VirtualRig(rig, Piston()) as virtual:
         bank = PulseController(virtual.board, rig, virtual.clock)
         with bank.armed():
-            bank.wait_until(virtual.clock.now() + 15.0, lambda report: None)
+            bank.wait_until(virtual.clock.now() + 15.0)
             assert virtual.emulator.contacts == (False, False, False, False, True)
         assert [e.closed for e in virtual.emulator.contact_events] == [True, False]
 

@@ -256,7 +256,7 @@ def test_the_sensor_of_the_run_alone_says_that_no_current_flows(tmp_path):
             board.faults.welded.add(2)
             board.set_coil(2, True)
             os.kill(guardian.process, signal.SIGKILL)
-            guardian.wait_until(time.monotonic() + 5, lambda report: None)
+            guardian.wait_until(time.monotonic() + 5)
         assert isinstance(caught.value, CurrentFlowsError) and "channel 2" in str(caught.value)
         for command in ("off", "reset"):
             told = run(command, "--rig", tmp_path / "rig.yaml")

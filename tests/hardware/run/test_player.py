@@ -6,7 +6,7 @@ import pytest
 
 from eldir.errors import EldirError
 from eldir_hardware.clock import VirtualClock
-from eldir_hardware.guardian.bank import LEAD, HeaterBank, Report
+from eldir_hardware.guardian.bank import LEAD, HeaterBank, Report, ignore_report
 from eldir_hardware.planning.compiler import compile_schedule
 from eldir_hardware.run.player import READY, Player
 from eldir_hardware.safety import limits
@@ -35,7 +35,7 @@ class Noting(HeaterBank):
     def abort_pulses(self) -> None:
         self.told.append(("cut", self.clock.now()))
 
-    def wait_until(self, t, see) -> None:
+    def wait_until(self, t, see=ignore_report) -> None:
         assert t <= self.clock.now() + 0.1 + 1e-9, "a key is noticed within a tenth of a second"
         self.clock.sleep_until(t)
         if not self.silent:

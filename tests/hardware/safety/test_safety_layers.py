@@ -31,10 +31,6 @@ from tests.raised import raises
 TIMED = {"kind": "modbus", "retriggerable": True}
 
 
-def ignore(report) -> None:
-    """Nobody looks."""
-
-
 # Layer 0, a contact that is welded shut: test_cutoff_layer.py.
 
 
@@ -49,7 +45,7 @@ def test_a_timed_pulse_ends_when_host_and_guardian_are_gone():
             bank = PulseController(virtual.board, rig, virtual.clock)
             bank.arm()
             bank.heat(virtual.clock.now() + 0.3, {1: 5.0})
-            bank.wait_until(virtual.clock.now() + 2.0, ignore)
+            bank.wait_until(virtual.clock.now() + 2.0)
             died = virtual.clock.now()
             virtual.clock.sleep_until(died + 5.0)
             assert (virtual.emulator.contacts[0] is False) is opens
@@ -97,7 +93,7 @@ def heating() -> Iterator[tuple[VirtualRig, PulseController]]:
         bank = PulseController(virtual.board, rig, virtual.clock)
         bank.arm()
         bank.heat(0.5, {1: 5.0})
-        bank.wait_until(1.0, ignore)
+        bank.wait_until(1.0)
         yield virtual, bank
 
 
@@ -141,9 +137,9 @@ def test_what_no_command_may_break(pulses, code):
         bank = PulseController(virtual.board, rig, virtual.clock)
         with raises(LimitError, code), bank.armed():
             for t, lengths in pulses:
-                bank.wait_until(t - 0.3, ignore)
+                bank.wait_until(t - 0.3)
                 bank.heat(t, lengths)
-            bank.wait_until(pulses[-1][0] + 1.0, ignore)
+            bank.wait_until(pulses[-1][0] + 1.0)
         assert not any(virtual.emulator.contacts)
 
 
@@ -155,7 +151,7 @@ def test_the_current_is_checked_again_at_the_edge():
         with raises(LimitError, "limit.supply"), bank.armed():
             bank.heat(1.0, {1: 2.0})
             bank.heat(2.96, {2: 1.0})
-            bank.wait_until(5.0, ignore)
+            bank.wait_until(5.0)
         assert not any(virtual.emulator.contacts) and {
             e.channel for e in virtual.emulator.contact_events
         } == {1}
@@ -192,10 +188,10 @@ def test_a_spring_that_is_too_hot_by_the_model_ends_the_run():
         bank = PulseController(virtual.board, rig, virtual.clock)
         with raises(LimitError, "limit.too-hot", match="by the model"), bank.armed():
             bank.heat(0.5, {1: 5.0})
-            bank.wait_until(2.0, ignore)
+            bank.wait_until(2.0)
             hot = bank._interlock._state
             bank._interlock._state = SpringState(hot.temperature + 70.0, hot.martensite)
-            bank.wait_until(2.5, ignore)
+            bank.wait_until(2.5)
         assert not any(virtual.emulator.contacts) and virtual.clock.now() < 2.6
 
 
@@ -204,9 +200,9 @@ def test_a_contact_that_closes_by_itself_ends_the_run():
     with VirtualRig(rig, Piston()) as virtual:
         bank = PulseController(virtual.board, rig, virtual.clock)
         with pytest.raises(ContactError, match="channel 2 did not switch"), bank.armed():
-            bank.wait_until(1.0, ignore)
+            bank.wait_until(1.0)
             virtual.emulator.set_coil(2, True)
-            bank.wait_until(3.0, ignore)
+            bank.wait_until(3.0)
         assert not any(virtual.emulator.contacts) and virtual.clock.now() < 2.5
 
 
@@ -243,7 +239,7 @@ def test_standing_still_while_it_waits_for_the_board_is_noticed(monkeypatch, pha
         with bank.armed():
             bank.heat(1.0, {1: 5.0})
             bank.heat(2.5, {2: 3.0})
-            bank.wait_until(6.0, ignore)
+            bank.wait_until(6.0)
         assert not left, "it was suspended"
 
     rig = rig_with()
@@ -294,7 +290,7 @@ def test_a_good_end_opens_what_still_heats():
         bank = PulseController(virtual.board, rig, virtual.clock)
         with bank.armed():
             bank.heat(1.0, {1: 5.0})
-            bank.wait_until(2.0, ignore)
+            bank.wait_until(2.0)
             assert virtual.emulator.contacts == (True, False, False, False, True)
         assert not any(virtual.emulator.contacts) and virtual.clock.now() < 2.5
 
@@ -315,16 +311,16 @@ def test_nothing_heats_while_the_fan_is_off():
         bank = PulseController(virtual.board, rig, virtual.clock)
         virtual.emulator.faults.deaf.add(5)
         with pytest.raises(EldirError, match="channel 5 did not switch"), bank.armed():
-            bank.wait_until(2.0, ignore)
+            bank.wait_until(2.0)
         assert virtual.emulator.contact_events == []
     with VirtualRig(rig, Piston()) as virtual:
         bank = PulseController(virtual.board, rig, virtual.clock)
         with pytest.raises(EldirError, match="channel 5 did not switch"), bank.armed():
             bank.heat(1.0, {1: 5.0})
-            bank.wait_until(2.0, ignore)
+            bank.wait_until(2.0)
             assert virtual.emulator.contacts == (True, False, False, False, True)
             virtual.emulator.set_coil(5, False)
-            bank.wait_until(4.0, ignore)
+            bank.wait_until(4.0)
         assert not any(virtual.emulator.contacts), "the fan too, at the end"
 
 

@@ -20,7 +20,7 @@ from eldir_hardware.safety.spring_memory import (
     SpringHeat,
     springs_at_limit,
 )
-from tests.hardware.guardian.pulse_controllers import FAN, controlled, ignore, rig_of
+from tests.hardware.guardian.pulse_controllers import FAN, controlled, rig_of
 from tests.hardware.rigs_and_schedules import rig_with
 from tests.hardware.safety.remembered_springs import COLD, PLACES, WARM
 
@@ -269,7 +269,7 @@ def test_the_same_controller_tells_its_rest_when_it_is_armed():
         bank.arm()
         assert bank.ready_at <= virtual.clock.now()
         bank.heat(1.0, {1: 5.0})
-        bank.wait_until(6.5, ignore)
+        bank.wait_until(6.5)
         bank.disarm()
         left = bank.export_springs()
         assert left[1].temperature_c[0] > 45 and left[2].temperature_c[0] == pytest.approx(22.0, abs=0.01)
@@ -285,12 +285,12 @@ def test_springs_may_be_hot_if_the_computer_slept_while_they_were_heated(silent)
         slept[0] = 60.0  # before it arms: nothing was closed
         bank.arm()
         bank.heat(1.0, {1: 5.0})
-        bank.wait_until(2.0, ignore)
+        bank.wait_until(2.0)
         assert bank.export_springs() is not None
         slept[0] += 3600.0
         virtual.emulator.faults.silent = silent
         with pytest.raises(SilentBoardError if silent else SuspendedError):
-            bank.wait_until(4.0, ignore) if not silent else bank._read_back()
+            bank.wait_until(4.0) if not silent else bank._read_back()
         virtual.emulator.faults.silent = False
         bank.stop("it was asleep")
         assert bank.export_springs() is None

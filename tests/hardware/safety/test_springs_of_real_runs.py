@@ -17,7 +17,6 @@ from eldir_hardware.safety.spring_memory import (
     load_springs,
 )
 from tests.hardware.emulated_rigs import emulated, heating_program, rig_file, wait
-from tests.hardware.guardian.pulse_controllers import ignore
 from tests.hardware.rigs_and_schedules import rig_text
 from tests.raised import raises
 
@@ -35,7 +34,7 @@ def test_a_second_run_waits_for_the_springs_of_the_first(tmp_path):
         with pytest.raises(KeyboardInterrupt), Guardian(rig) as bank, bank.armed():
             assert bank.ready_at <= time.monotonic()
             bank.heat(time.monotonic() + 0.3, {1: 5.0})
-            bank.wait_until(time.monotonic() + 1.0, ignore)
+            bank.wait_until(time.monotonic() + 1.0)
             raise KeyboardInterrupt
         opened = max(edge.t for edge in board.contact_events)
         unlatch(board.port)
@@ -44,7 +43,7 @@ def test_a_second_run_waits_for_the_springs_of_the_first(tmp_path):
             assert bank.ready_at >= opened + rig.limits.min_off_s - 0.1
             bank.heat(time.monotonic() + 0.3, {1: 1.0})
             with raises(LimitError, "limit.no-rest", match="channel 1"):
-                bank.wait_until(time.monotonic() + 3.0, ignore)
+                bank.wait_until(time.monotonic() + 3.0)
         assert not any(board.contacts)
 
 
@@ -54,7 +53,7 @@ def test_springs_that_were_rewired_after_a_run_rest_before_the_next(tmp_path):
         path = rig_file(tmp_path / "rig.yaml", "lcus", board.port)
         with Guardian(Rig.load(path)) as bank, bank.armed():
             bank.heat(time.monotonic() + 0.3, {1: 1.0})
-            bank.wait_until(time.monotonic() + 1.6, ignore)
+            bank.wait_until(time.monotonic() + 1.6)
         values = yaml.safe_load(path.read_text())
         one, three = values["channels"][0], values["channels"][2]
         one["channel"], three["channel"] = 3, 1
@@ -63,7 +62,7 @@ def test_springs_that_were_rewired_after_a_run_rest_before_the_next(tmp_path):
             assert bank.ready_at > time.monotonic() + 5.0
             bank.heat(time.monotonic() + 0.3, {3: 1.0})
             with raises(LimitError, "limit.no-rest", match="channel 3"):
-                bank.wait_until(time.monotonic() + 3.0, ignore)
+                bank.wait_until(time.monotonic() + 3.0)
 
 
 def test_after_a_guardian_was_killed_its_springs_count_as_hot(tmp_path):

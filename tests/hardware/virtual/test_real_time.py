@@ -9,7 +9,7 @@ import pytest
 
 from eldir.errors import EldirError
 from eldir_hardware.emulator.board import EmulatedBoard
-from eldir_hardware.guardian.bank import HeaterBank, Report
+from eldir_hardware.guardian.bank import HeaterBank
 from eldir_hardware.guardian.client import Guardian
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.run.drive import open_virtual_bank
@@ -22,17 +22,13 @@ LATE = 0.25
 """A real board's answer would be late, an emulated one's may be on a busy computer [s]."""
 
 
-def ignore(report: Report) -> None:
-    """Nobody looks."""
-
-
 def watch(bank: HeaterBank, board: EmulatedBoard) -> None:
     """Armed, but some of the board's answers are late."""
     with bank.armed():
         board.faults.late = LATE
-        bank.wait_until(time.monotonic() + 3 * LATE, ignore)
+        bank.wait_until(time.monotonic() + 3 * LATE)
         board.faults.late = 0.0
-        bank.wait_until(time.monotonic() + 3 * LATE, ignore)
+        bank.wait_until(time.monotonic() + 3 * LATE)
 
 
 def test_only_an_emulated_board_may_answer_late(tmp_path):

@@ -17,7 +17,7 @@ from typing import Protocol
 from eldir_msgs.msg import HeatCommand
 
 from eldir.errors import EldirError
-from eldir_hardware.guardian.bank import BOARD_PROOF, HeaterBank, Report, ReportCallback
+from eldir_hardware.guardian.bank import BOARD_PROOF, HeaterBank, Report, ReportCallback, ignore_report
 from eldir_hardware.relay.errors import NotProvenOffError
 from eldir_hardware.safety.stop_signals import StoppedError
 from eldir_ros.conversions import runs
@@ -73,7 +73,7 @@ class RemoteBank(HeaterBank):
         self.last: BoardState | None = None
         """The last report of the board."""
         self._last_report_at = -float("inf")
-        self._on_report: ReportCallback = lambda report: None
+        self._on_report: ReportCallback = ignore_report
 
     def report(self, state: BoardState) -> None:
         """Add a report that the board node published; call it when the message arrives."""
@@ -103,7 +103,7 @@ class RemoteBank(HeaterBank):
         self.proof = None
         deadline = time.monotonic() + _ARM_TIMEOUT
         while not self._is_armed() or self._missing():  # nothing heats yet
-            self._take_reports(0.1, lambda report: None)
+            self._take_reports(0.1, ignore_report)
             self._require_running()
             if time.monotonic() > deadline:
                 break
@@ -140,7 +140,7 @@ class RemoteBank(HeaterBank):
     def abort_pulses(self) -> None:
         self._send(HeatCommand.ABORT)
 
-    def wait_until(self, t: float, on_report: ReportCallback) -> None:
+    def wait_until(self, t: float, on_report: ReportCallback = ignore_report) -> None:
         self._on_report = on_report  # the observer also gets the reports at the end of the run
         while True:
             self._send(HeatCommand.KEEPALIVE)
