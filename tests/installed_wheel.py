@@ -20,7 +20,6 @@ _UV = Path(sys.executable).with_name("uv")
 class Installation(NamedTuple):
     """Where things are."""
 
-    sdist: Path
     wheel: Path
     programs: Path
     """Folder of `python` and `eldir`."""
@@ -50,14 +49,14 @@ def _install(folder: Path) -> Installation:
     for package in PACKAGES.values():
         shutil.copytree(package, tree / package.relative_to(ROOT), ignore=without_caches)
     _uv("build", "--out-dir", str(folder), str(tree))  # the sdist, then the wheel from the sdist
-    (sdist,), (wheel,) = folder.glob("*.tar.gz"), folder.glob("*.whl")
+    (wheel,) = folder.glob("*.whl")
     environment = folder / "environment"
     _uv("venv", "--python", sys.executable, str(environment))
     programs = environment / "bin"
     constraints = str(ROOT / ".ci" / "constraints.txt")
     # With MuJoCo, as `make demo`.
     _uv("pip", "install", "--python", str(programs / "python"), "-c", constraints, f"{wheel}[mujoco]")
-    return Installation(sdist, wheel, programs)
+    return Installation(wheel, programs)
 
 
 def _uv(*arguments: str) -> None:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from eldir.core.records import IntArray
 from eldir.errors import InputError
-from eldir.morphology import Bodies, Morphology, offsets
+from eldir.morphology import Bodies, offsets
 
 FAMILIES = 3
 _REACHES = 8  # tried at a time
@@ -36,13 +36,9 @@ class Grid(NamedTuple):
     """Cell of the near end of every spring, shape (S,)."""
 
 
-def place_on_grid(body: Morphology) -> Grid:
-    """The densest grid. Raises `InputError` for springs that do not join neighbours of a lattice."""
-    return place_on_grids(Bodies([body]))[0]
-
-
 def place_on_grids(bodies: Bodies) -> list[Grid]:
-    """The densest grid of each body, as `place_on_grid`."""
+    """The densest grid of each body. Raises `InputError` for springs that do not join neighbours of a
+    lattice."""
     x, y = _coordinates(bodies)
     u = (x - y) // 2
     a, b = bodies.springs.T

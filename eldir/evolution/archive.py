@@ -52,11 +52,6 @@ class Archive(Generic[S]):
         """All elites, the best first; of equal ones, the older first."""
         return sorted((s for own in self._niches.values() for s in own), key=_rank)
 
-    def best(self, niche: tuple[int, ...]) -> S | None:
-        """The best solution of a niche; None if it is empty."""
-        own = self._niches.get(niche)
-        return own[0] if own else None
-
     def incumbent(self, niche: tuple[int, ...]) -> float:
         """Fitness that a solution must exceed to enter a niche; minus infinity if there is room."""
         own = self._niches.get(niche, [])

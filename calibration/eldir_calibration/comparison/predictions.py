@@ -135,19 +135,12 @@ def predict_runs(
     )
 
 
-def predict_motions(design: Design, schedule: ActuationSchedule, rig: Rig) -> dict[str, Motion]:
-    """The motions of the markers without a camera: `simulated` as evolved, and `predicted` for this schedule.
-
-    Takes seconds. Raises `EldirError` where the simulation fails.
-    """
-    return predict_live(design, schedule, rig).motions
-
-
 class LivePrediction(NamedTuple):
     """The prediction for a run that begins."""
 
     motions: dict[str, Motion]
-    """The motions of the markers, as `predict_motions`."""
+    """The motions of the markers without a camera: `simulated` as evolved, and `predicted` for this
+    schedule."""
     body: PredictedBody
     """The motion of all masses of the predicted robot."""
 
@@ -155,8 +148,8 @@ class LivePrediction(NamedTuple):
 def predict_live(
     design: Design, schedule: ActuationSchedule, rig: Rig, room_c: float | None = None
 ) -> LivePrediction:
-    """The motions of `predict_motions`, and the whole predicted robot; `room_c`: the air that was measured
-    before the run [C]. Raises as it does."""
+    """Predict a run in seconds; `room_c`: the air that was measured before it [C]. Raises `EldirError` where
+    the simulation fails."""
     run = RecordedRun(design, schedule, rig, MeasuredConditions(room_c))
     (predicted,), body = _simulate([_prepare_run(run, None)])
     if predicted.motion is None:

@@ -51,8 +51,6 @@ class DynamicsFit(Record):
     noise: tuple[float, float]
     """Noise of shape and walk that the fit assumed [m]; larger where residuals are correlated in time or
     simulations diverge."""
-    cost: float
-    """Half the sum of squared residuals in units of that noise, priors included."""
     evaluations: int
     """Number of simulated batches of robots."""
     step_widths: FloatArray
@@ -213,13 +211,12 @@ def _fit_rounds(
     divergence = problem.divergence(z, linear)
     # The uncertainty is at least the step of the last round.
     spread = estimate_covariance(problem, z, linear, divergence) + np.outer(step, step)
-    cost = 0.5 * float((problem.residuals(z, linear.positions) ** 2).sum())
     rest = problem.track_residuals(linear.positions)
     rms = _root_mean_square([r.shape for r in rest]), _root_mean_square([r.walk for r in rest])
     check = _check_fit(problem, linear, divergence)
     names = tuple(problem.names)
     fit = DynamicsFit(
-        names, z, spread, rms, problem.noise, cost, evaluations_before + 1, problem.step_widths, check
+        names, z, spread, rms, problem.noise, evaluations_before + 1, problem.step_widths, check
     )
     return fit, linear
 

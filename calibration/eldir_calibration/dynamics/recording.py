@@ -144,18 +144,11 @@ def _free_lengths(
     return [table[:, i * motors : (i + 1) * motors] for i in range(len(springs))]
 
 
-def stays_upright(
-    rest: FloatArray, tracked: Trajectory, config: IdentificationConfig = DEFAULT_CONFIG
-) -> bool:
-    """Whether a filmed robot did not fall over. `rest` (K, 2) [m]: positions of its markers at rest."""
-    return find_fall(rest, tracked, config) is None
-
-
 def find_fall(
     rest: FloatArray, tracked: Trajectory, config: IdentificationConfig = DEFAULT_CONFIG
 ) -> float | None:
     """When a filmed robot first lay on its side [s]; None if it did so for less than a second in all. `rest`
-    as in `stays_upright`.
+    (K, 2) [m]: positions of its markers at rest.
 
     It lies where the lines between all pairs of visible markers have turned by more than
     `eldir.built.walking.TOPPLED_ANGLE` from rest: a motor turns some of them as far, but not all. Frames
@@ -172,7 +165,7 @@ def find_fall(
 
 def find_any_fall(rest: FloatArray, recording: Recording) -> float | None:
     """When a filmed robot fell, in its plane or sideways [s]; None if it did not. `rest` as in
-    `stays_upright`."""
+    `find_fall`."""
     falls = [t for t in (find_fall(rest, recording.tracked), recording.fell_at) if t is not None]
     return min(falls, default=None)
 

@@ -107,12 +107,6 @@ def robot_seed(run_seed: int, generation: int, index: int) -> int:
     return int(sequence.generate_state(1, np.uint64)[0] >> 1)
 
 
-def make_scene(ground: Ground, seed: int) -> Scene:
-    """The paper's scene on this ground."""
-    scene = Scene.preset("paper")
-    return scene if ground == "flat" else scene.replace(terrain=make_terrain(ground, seed))
-
-
 def printed_terrain(scene: Scene) -> Terrain | None:
     """The ground of a scene under the printed robots of its run [m, of the printed robot]; None: a table."""
     return None if scene.terrain.is_flat else scene.terrain.scaled(BuiltParameters().scale)

@@ -33,11 +33,6 @@ class RecordingLine(SerialLine):
         self.url, self.baud, self.bytes_written, self.sent_at = "nowhere", baud, 0, 0.0
         self.frames: list[bytes] = []
 
-    @property
-    def written(self) -> bytes:
-        """All written bytes."""
-        return b"".join(self.frames)
-
     def write(self, data: bytes) -> None:
         self.frames.append(data)
         self.bytes_written += len(data)

@@ -30,7 +30,6 @@ from eldir_calibration.comparison import predictions
 from eldir_calibration.comparison.predictions import (
     predict_body,
     predict_live,
-    predict_motions,
     predict_runs,
     predict_walk,
 )
@@ -115,7 +114,7 @@ def test_all_robots_in_one_batch_move_as_each_alone(driven: RecordedRun) -> None
     with WorkerProcess("eldir_calibration.comparison.predictions") as worker:
         worker.begin(predict_runs, [driven, heavier], known, 2)
         found = worker.value()
-    evolved, alone = predict_motions(driven.design, driven.schedule, driven.rig).values()
+    evolved, alone = predict_live(driven.design, driven.schedule, driven.rig).motions.values()
     assert found.before is not None and same(found.before, alone) and same(found.evolved, evolved)
     soft, heavy = (m.trajectory.positions for m in found.own)
     assert np.abs(soft - alone.trajectory.positions).max() > 1e-3
@@ -301,7 +300,8 @@ def test_the_robot_has_hubs_unless_the_engine_moves_it(driven: RecordedRun) -> N
         ),
         driven.rig.model_copy(update={"kind": "real"}),
     ):
-        paths.append(predict_motions(driven.design, driven.schedule, rig)["predicted"].trajectory.positions)
+        motion = predict_live(driven.design, driven.schedule, rig).motions["predicted"]
+        paths.append(motion.trajectory.positions)
     pins, mujoco, real = paths
     assert np.array_equal(mujoco, real) and np.abs(pins - real).max() > 1e-5
 

@@ -20,7 +20,6 @@ from eldir_calibration.dynamics.recording import (
     Recording,
     find_fall,
     predict_markers,
-    stays_upright,
 )
 from tests.calibration.dynamics.hidden_rigs import film, walker
 from tests.raised import raises
@@ -158,7 +157,6 @@ def test_a_fall_has_a_time() -> None:
     stands[20:25] = turned
     names = ("m1", "m2", "m3", "m4")
     assert find_fall(rest, Trajectory(names, times, falls)) == pytest.approx(3.0)
-    assert not stays_upright(rest, Trajectory(names, times, falls))
     assert find_fall(rest, Trajectory(names, times, stands)) is None
 
 

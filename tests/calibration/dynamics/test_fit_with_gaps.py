@@ -50,7 +50,7 @@ def fitted(checks: list[ModelCheck], monkeypatch: pytest.MonkeyPatch) -> tuple[D
         nothing = np.zeros(0)
         place = np.array([float(number)])
         found = DynamicsFit(
-            (), place, nothing, (0.0, 0.0), (1.0, 1.0), 0.0, evaluations + 1, nothing, checks[number]
+            (), place, nothing, (0.0, 0.0), (1.0, 1.0), evaluations + 1, nothing, checks[number]
         )
         return found, SimpleNamespace(z=place, positions=place)
 

@@ -92,7 +92,7 @@ def tried(
             names: Sequence[str] = ("hot_length", "strip 0") if parts else ("hot_length",)
             z = np.zeros(len(names))
             small = (1e-4, 1e-4)
-            return DynamicsFit(tuple(names), z, np.eye(len(z)), small, small, 1.0, 1, z, found)
+            return DynamicsFit(tuple(names), z, np.eye(len(z)), small, small, 1, z, found)
 
         return fit
 

@@ -102,7 +102,7 @@ def test_a_robot_that_blows_up_is_worse_than_every_other(recording: Recording) -
     lost, off = (check_model([recording], [x]) for x in (blown, wrong))
     assert lost.rms > 10 * off.rms and lost.unexplained > 10 * off.unexplained > 10 * off.limit
     z, exact = np.zeros(1), check_model([recording], [film])
-    fit = DynamicsFit(("hot_length",), z, np.eye(1), (1e-4, 1e-4), (1e-4, 1e-4), 1.0, 1, z, exact)
+    fit = DynamicsFit(("hot_length",), z, np.eye(1), (1e-4, 1e-4), (1e-4, 1e-4), 1, z, exact)
     assert CandidateModel(SOFT, fit, lost).verdict is FitVerdict.WRONG
     assert all(np.isfinite(v) for both in lost.entries()["marks"].values() for v in both.values())
 
@@ -130,7 +130,7 @@ def test_a_model_that_does_not_fit_knows_nothing(recording: Recording, scene: Pr
     right = check_model([recording], [recording.tracked.positions - 1e-3 * left])
     z, narrow = np.array([2.0]), np.array([[1e-4]])
     for fits, unseen, known in ((wrong, right, False), (right, wrong, False), (right, right, True)):
-        fit = DynamicsFit(("hot_length",), z, narrow, (1e-4, 1e-4), (1e-4, 1e-4), 1.0, 1, z, fits)
+        fit = DynamicsFit(("hot_length",), z, narrow, (1e-4, 1e-4), (1e-4, 1e-4), 1, z, fits)
         best = CandidateModel(SOFT, fit, unseen)
         told = summarise(best, [best], walker(), recording).to_json()
         assert told["model"]["fits"] == known == (not told["not_identified"])
@@ -160,7 +160,7 @@ def test_a_model_of_every_part_may_leave_little(recording: Recording) -> None:
         (("hot_length", strip), little, more, False),
         (("hot_length", "friction"), little, little, False),
     ):
-        fit = DynamicsFit(names, z, 1e-4 * np.eye(2), (1e-4, 1e-4), (1e-4, 1e-4), 1.0, 1, z, shown)
+        fit = DynamicsFit(names, z, 1e-4 * np.eye(2), (1e-4, 1e-4), (1e-4, 1e-4), 1, z, shown)
         best = CandidateModel(SOFT, fit, unseen)
         told = best.entries()
         assert best.verdict.fits == told["fits"] == nearly

@@ -26,7 +26,7 @@ from eldir.trajectory import Trajectory
 from eldir_app.commands.gait import gait as command
 from eldir_calibration.comparison import predictions as predicting
 from eldir_calibration.comparison.recorded_run import RecordedRun
-from eldir_calibration.dynamics.recording import stays_upright
+from eldir_calibration.dynamics.recording import find_fall
 from eldir_calibration.dynamics.results import part_numbers
 from eldir_hardware.planning import plan as planning
 from eldir_hardware.planning.compiler import compile_schedule, extract_gait
@@ -235,7 +235,7 @@ def test_a_robot_that_lies_is_told_by_its_marks() -> None:
         there = np.stack([c * x - s * y + t[:, None], s * x + c * y], axis=2)
         there += 0.2e-3 * rng.standard_normal(there.shape)
         there[rng.random(there.shape[:2]) < 0.2] = np.nan
-        return stays_upright(rest, Trajectory(tuple("abcde"), t, there))
+        return find_fall(rest, Trajectory(tuple("abcde"), t, there)) is None
 
     assert upright(0.5 * np.sin(t))
     assert upright(np.where((t > 9) & (t < 9.5), 2.0, 0.0)), "five mistaken frames"

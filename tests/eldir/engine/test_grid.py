@@ -4,11 +4,11 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eldir.engine.grid import place_on_grid
+from eldir.engine.grid import place_on_grids
 from eldir.errors import InputError
 from eldir.genotype import random_genotypes
 from eldir.lattice import Lattice
-from eldir.morphology import Morphology, develop
+from eldir.morphology import Bodies, Morphology, develop
 from tests.raised import raises
 
 
@@ -18,7 +18,7 @@ def test_springs_are_shifts(rows: int, columns: int, seed: int) -> None:
     lattice = Lattice(rows, columns)
     (genotype,) = random_genotypes(lattice, 1, np.random.default_rng(seed))
     body = develop(lattice, genotype)
-    grid = place_on_grid(body)
+    (grid,) = place_on_grids(Bodies([body]))
     assert len(set(grid.cell.tolist())) == len(body.positions)
     assert grid.cell.min() == 0 and grid.cell.max() == grid.cell_count - 2
     shift = np.array([1, grid.reach, grid.reach + 1])[grid.family]
@@ -31,7 +31,7 @@ def test_springs_are_shifts(rows: int, columns: int, seed: int) -> None:
 
 def test_the_paper_s_bodies_are_packed_densely() -> None:
     bodies = [develop(Lattice(), g) for g in random_genotypes(Lattice(), 32, np.random.default_rng(0))]
-    cells = sum(place_on_grid(body).cell_count for body in bodies)
+    cells = sum(grid.cell_count for grid in place_on_grids(Bodies(bodies)))
     assert cells < 1.45 * sum(len(body.positions) for body in bodies)
 
 
@@ -43,4 +43,4 @@ def test_springs_between_others_than_neighbours_are_refused() -> None:
         body.positions, springs, body.rest_lengths, body.active, body.vertices, body.lattice_springs
     )
     with raises(InputError, "body.no-lattice"):
-        place_on_grid(wrong)
+        place_on_grids(Bodies([wrong]))

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eldir.engine.grid import FAMILIES, place_on_grid, place_on_grids
+from eldir.engine.grid import FAMILIES, place_on_grids
 from eldir.engine.pack import ORIGIN, dtype, pack
 from eldir.engine.threads import for_each
 from eldir.engine.validity import max_speeds
@@ -41,7 +41,7 @@ def test_every_value_of_every_robot_lies_in_its_place(lattice: Lattice, name: st
     batch = pack(robots, brains, scene, physics)
     real = dtype(scene)
     for r, (body, own, brain) in enumerate(zip(robots, physics, brains, strict=True)):
-        grid, size = place_on_grid(body), batch.sizes[r]
+        (grid,), size = place_on_grids(Bodies([body])), batch.sizes[r]
         count, reach = size.cells, grid.reach
         assert [int(c[r]) for c in batch.counts] == [len(body.positions), body.motors, count, reach]
         assert grid.cell_count <= count < grid.cell_count + 16
@@ -106,7 +106,7 @@ def test_bodies_of_different_lattices_are_placed_together_as_alone(
 ) -> None:
     robots = [body for lattice, seed in drawn_ for body in bodies_on(lattice, 2, seed)]
     for body, grid in zip(robots, place_on_grids(Bodies(robots)), strict=True):
-        alone = place_on_grid(body)
+        (alone,) = place_on_grids(Bodies([body]))
         assert all(np.array_equal(a, b) for a, b in zip(grid, alone, strict=True))
 
 

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from eldir.defaults import Ground
 from eldir.evolution.designs import load_run
-from eldir.evolution.paper.configuration import make_scene
+from eldir.evolution.paper.configuration import make_terrain
 from eldir.evolution.paper.run_folder import load_generation
 from eldir.rollout import simulate
 from eldir.show import picture
@@ -85,15 +85,13 @@ def test_wrong_arguments_exit_with_2(arguments, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("ground", get_args(Ground))
 def test_every_ground_that_the_command_names_can_be_made(ground):
-    assert make_scene(ground, 1).terrain.is_flat == (ground == "flat")
+    assert make_terrain(ground, 1).is_flat == (ground == "flat")
 
 
 @pytest.mark.parametrize(("ground", "direction"), [("incline", 1), ("decline", -1)])
 def test_the_ground_tilts_as_asked_and_depends_on_the_seed_alone(ground, direction):
-    assert make_scene("flat", 1).terrain.is_flat
-    terrain = make_scene(ground, 1).terrain
-    assert make_scene(ground, 1).contact == "friction"
-    assert terrain == make_scene(ground, 1).terrain
-    assert terrain != make_scene(ground, 2).terrain
-    rise = [np.diff(make_scene(ground, s).terrain.height(np.array([0.0, 1.25])))[0] for s in range(20)]
+    terrain = make_terrain(ground, 1)
+    assert terrain == make_terrain(ground, 1)
+    assert terrain != make_terrain(ground, 2)
+    rise = [np.diff(make_terrain(ground, s).height(np.array([0.0, 1.25])))[0] for s in range(20)]
     assert np.sign(np.mean(rise)) == direction

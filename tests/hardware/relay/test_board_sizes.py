@@ -52,7 +52,7 @@ def test_a_recorded_line_answers_nothing_and_needs_no_port():
     assert line._exchange(b"cd", 3, lambda: b"never asked") == b""
     with pytest.raises(SilentBoardError, match="the relay board at nowhere did not answer"):
         line.query(b"e", 1)
-    assert line.frames == [b"ab", b"cd", b"e"] and line.written == b"abcde" and line.bytes_written == 5
+    assert line.frames == [b"ab", b"cd", b"e"] and line.bytes_written == 5
     assert line.wire_time(96) == pytest.approx(0.1)
     line.close()
 

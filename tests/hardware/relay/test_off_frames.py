@@ -27,7 +27,7 @@ def asked(kind: str, channels: int) -> bytes:
         driver._commanded[channel] = False
         with suppress(RelayError):
             driver.read_states()
-    return line.written
+    return b"".join(line.frames)
 
 
 BYTES = {kind: off_frames(kind) for kind in KINDS}

@@ -19,7 +19,7 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, JointState  # noqa: E40
 from visualization_msgs.msg import MarkerArray  # noqa: E402
 
 from eldir.design import Design  # noqa: E402
-from eldir_calibration.comparison.predictions import predict_motions  # noqa: E402
+from eldir_calibration.comparison.predictions import predict_live  # noqa: E402
 from eldir_hardware.log.messages import CAMERA_INFO, IMAGE  # noqa: E402
 from eldir_hardware.log.reader import read_log  # noqa: E402
 from eldir_hardware.rig.configuration import Rig  # noqa: E402
@@ -62,7 +62,7 @@ def direct(tmp_path_factory):
     plan = ActuationSchedule.from_json(MIDDLE)
     rig = Rig.load(folder / "rig.yaml")
     # In one process with the emulated board: the engine must have been compiled before it answers.
-    predict_motions(Design.load(CONFIG / "design.json"), plan, rig)
+    predict_live(Design.load(CONFIG / "design.json"), plan, rig)
     drive_rig(plan, rig, folder / "rig.yaml", folder / "log.mcap", DriveConfig(CONFIG / "design.json"))
     return folder / "log.mcap"
 

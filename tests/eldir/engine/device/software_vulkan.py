@@ -11,8 +11,6 @@ from pathlib import Path
 
 import pytest
 
-MAX_ROUNDS = 65_000
-"""Of all loops of an invocation on lavapipe."""
 _DRIVERS = {
     "lavapipe": ("mesa-vulkan-drivers", "share/vulkan/icd.d/lvp_icd*.json"),
     "swiftshader": ("chromium", "lib*/chromium*/vk_swiftshader_icd.json"),

@@ -15,7 +15,7 @@ from eldir.engine.device.run import numpy_memory, run
 from eldir.engine.kernels.contact import NO_SLIP
 from eldir.engine.shortcuts import Shortcuts
 from eldir.engine.validity import NO_GRADIENT
-from eldir.evolution.paper.configuration import make_scene
+from eldir.evolution.paper.configuration import make_terrain
 from eldir.learning import initial_controllers
 from eldir.morphology import Morphology
 from eldir.physics import Physics
@@ -167,11 +167,9 @@ def test_scenes_and_bodies(name: str, physics: bool) -> None:
 
 GROUNDS = {
     "flat": PAPER.replace(contact="friction"),
-    "rugged": make_scene("level", 1).replace(steps=STEPS, precision="f64"),
-    "rising, windows": make_scene("incline", 2).replace(steps=STEPS, precision="f64", window=25),
-    "as released": make_scene("decline", 3).replace(
-        steps=STEPS, precision="f64", contact="friction-released"
-    ),
+    "rugged": PAPER.replace(terrain=make_terrain("level", 1)),
+    "rising, windows": PAPER.replace(terrain=make_terrain("incline", 2), window=25),
+    "as released": PAPER.replace(terrain=make_terrain("decline", 3), contact="friction-released"),
 }
 
 
