@@ -128,8 +128,7 @@ class _RunEvents:
         elif topic == m.STATUS:
             for status in message.status:
                 if status.name == "player":
-                    level = status.level[0] if isinstance(status.level, bytes) else int(status.level)
-                    self._last_status = level == _LEVEL_OK, status.message
+                    self._last_status = status.level == _LEVEL_OK, status.message
         if self._has_camera and t - self._frame_t > _CAMERA_TIMEOUT_S:
             self._has_camera = False  # one notification is enough
             yield "camera lost", f"no frame since {self._frame_t:.0f} s; the heating goes on"

@@ -159,8 +159,7 @@ class RunView:
             self.curves["temperatures"].add([self._row_t, *values])
 
     def _add_event(self, t: float, status: Any) -> None:
-        level = status.level[0] if isinstance(status.level, bytes) else int(status.level)
-        ok, text = level == _LEVEL_OK, status.message
+        ok, text = status.level == _LEVEL_OK, status.message
         if ok and status.name == "files":  # digests
             return
         if status.name == "player":
