@@ -132,11 +132,16 @@ class Variant(Record):
     ballast: Annotated[Ballast | None, OMITTED] = None
     """Weight that the built robot carries on one mass."""
 
-    def __str__(self) -> str:
+    @property
+    def changes(self) -> tuple[str, ...]:
+        """Each change in words."""
         parts = [] if self.without_motor is None else [f"without motor {self.without_motor}"]
         if self.ballast is not None:
             parts.append(f"with {self.ballast.grams:g} g on mass {self.ballast.mass}")
-        return ", ".join(parts) or "as evolved"
+        return tuple(parts)
+
+    def __str__(self) -> str:
+        return ", ".join(self.changes) or "as evolved"
 
 
 @record

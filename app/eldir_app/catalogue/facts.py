@@ -141,7 +141,7 @@ def _with_attached_files(
     schedule = attached("schedule.json", ActuationSchedule.from_json)
     rig = attached("rig.yaml", Rig.from_json)
     if design is not None:
-        facts = replace(facts, robot=_describe_robot(design.variant.to_json()))
+        facts = replace(facts, robot=", ".join(design.variant.changes) or "intact")
     if schedule is not None:
         walk = schedule.predicted.walk
         predicted = None if walk is None else walk.mean
@@ -152,16 +152,6 @@ def _with_attached_files(
         kind = real if rig.kind == "real" else next(physics, "virtual")
         facts = replace(facts, rig=rig.name, physics=kind)
     return replace(facts, damage="; ".join(damage))
-
-
-def _describe_robot(variant: dict[str, Any]) -> str:
-    """How the robot differs from its design, in words, from `variant` in its design file."""
-    parts = []
-    if "without_motor" in variant:
-        parts.append(f"without motor {variant['without_motor']}")
-    if "ballast" in variant:
-        parts.append(f"{variant['ballast']['grams']:g} g on mass {variant['ballast']['mass']}")
-    return ", ".join(parts) or "intact"
 
 
 def read_report(path: Path) -> dict[str, dict[str, Any]]:

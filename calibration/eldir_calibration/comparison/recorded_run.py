@@ -106,15 +106,12 @@ class RecordedRun:
     @property
     def kind(self) -> tuple[str, str]:
         """Kind of the robot, as the report names it, and the detail."""
-        variant = self.design.variant
-        parts, details = [], []
+        variant, parts = self.design.variant, []
         if variant.without_motor is not None:
             parts.append("without a motor")
-            details.append(f"without motor {variant.without_motor}")
         if variant.ballast is not None:
             parts.append("with ballast")
-            details.append(f"{variant.ballast.grams:g} g on mass {variant.ballast.mass}")
-        return ", ".join(parts) or INTACT, ", ".join(details)
+        return ", ".join(parts) or INTACT, ", ".join(variant.changes)
 
 
 @dataclass(frozen=True)

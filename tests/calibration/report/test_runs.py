@@ -39,7 +39,7 @@ WITHOUT = FilmedRun(
     "b.mcap", "without a motor", "without motor 1", walker(noise=1e-4, speed=0.001), walker(speed=0)
 )
 BALLAST = FilmedRun(
-    "c.mcap", "without a motor, with ballast", "without motor 1, 9 g on mass 4",
+    "c.mcap", "without a motor, with ballast", "without motor 1, with 9 g on mass 4",
     walker(speed=-0.016, noise=1e-4), walker(speed=-0.01),
 )  # fmt: skip
 RUNS = (INTACT_RUN, WITHOUT, BALLAST)
@@ -192,7 +192,7 @@ def test_controls_nulls_and_tracking_are_in_page_and_numbers(tmp_path: Path) -> 
     assert values["other_designs"]["count"] == 1
     page = (tmp_path / "report" / "index.html").read_text()
     for text in (
-        "without motor 1, 9 g on mass 4",
+        "without motor 1, with 9 g on mass 4",
         "-0.40",
         "duplicate pictures",
         "other bodies",
