@@ -112,9 +112,9 @@ def test_a_report_of_the_board_comes_back(rig):
         "a",
         7,
         True,
-        board.channel_names(rig),
+        rig.channel_names,
         (True, False, True, False),
-        board.spring_names(rig),
+        rig.spring_names,
         (61.25, 22.0, 45.125, 22.5),
         62.0,
         0.003,
@@ -196,7 +196,7 @@ def test_a_log_recorded_from_messages_has_the_bytes_of_one_recorded_directly(rig
     ]
     places = np.array([[0.1, 0.2], [np.nan, np.nan]])
     names = ("m1", "m2")
-    options = (board.channel_names(rig), board.spring_names(rig), NOW)
+    options = (rig.channel_names, rig.spring_names, NOW)
 
     def stamp(t):
         return NOW + round(t * 1e9)
@@ -229,7 +229,7 @@ def test_a_log_recorded_from_messages_has_the_bytes_of_one_recorded_directly(rig
 
 def test_the_boards_values_on_the_graph_are_the_logs_messages(rig, tmp_path):
     """Same topic, type and bytes: a log that is played on a graph feeds who listens there."""
-    names = board.channel_names(rig), board.spring_names(rig)
+    names = rig.channel_names, rig.spring_names
     with Recorder(tmp_path / "a.mcap", *names, NOW) as log:
         log.on_relays(0.0, (True, False, False, True))
         log.on_temperatures(0.0, (22.5, 61.0, 22.0, 23.0))

@@ -90,7 +90,7 @@ class RunView:
             self.curves["events"].add([self.latest, 0, "files", str(error)])
             return True
         if rig is not None:
-            self._springs = [f"spring{c.spring}_{c.face}" for c in rig.channels]
+            self._springs = list(rig.spring_names)
         self.plan = {
             "rehearsal": is_dry_run(log.facts, log.epoch_ns, files.get("rig.yaml", b"")),
             "rig": None if rig is None else _rig_values(rig),

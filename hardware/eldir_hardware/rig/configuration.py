@@ -201,6 +201,16 @@ class Rig(Section):
         return self.cutoff.channel if isinstance(self.cutoff, ContactorEntry) else None
 
     @property
+    def channel_names(self) -> tuple[str, ...]:
+        """Names of the relay channels, as in the log of a run."""
+        return tuple(f"channel{i}" for i in range(1, self.board.channels + 1))
+
+    @property
+    def spring_names(self) -> tuple[str, ...]:
+        """Names of the springs, as in the log of a run."""
+        return tuple(f"spring{c.spring}_{c.face}" for c in self.channels)
+
+    @property
     def measured_channels(self) -> tuple[int, ...]:
         """Relay channels whose current is measured, in the order of the sensor's inputs."""
         if self.sensor is None:

@@ -156,8 +156,8 @@ def drive_rig(
         virtual_time = isinstance(opened.clock, VirtualClock)
         recorder = Recorder(
             log,
-            [f"channel{i}" for i in range(1, rig.board.channels + 1)],
-            [f"spring{c.spring}_{c.face}" for c in rig.channels],
+            rig.channel_names,
+            rig.spring_names,
             0 if virtual_time else None,
             calibration.lens,
             facts,

@@ -15,7 +15,6 @@ from eldir_msgs.msg import EmergencyStop
 from sensor_msgs.msg import Temperature
 
 from eldir_hardware.log.messages import CLOSED, CURRENT, VOLTAGE
-from eldir_hardware.rig.configuration import Rig
 from eldir_ros.conversions import duration_of, header_of, nanoseconds, seconds_from, time_of
 
 
@@ -46,16 +45,6 @@ class BoardState:
     """Measured current of each spring [A]; empty without a current sensor."""
     voltages: tuple[float, ...] = ()
     """Measured voltage across each spring [V]."""
-
-
-def channel_names(rig: Rig) -> tuple[str, ...]:
-    """Names of the relay channels, as in the log of a run."""
-    return tuple(f"channel{i}" for i in range(1, rig.board.channels + 1))
-
-
-def spring_names(rig: Rig) -> tuple[str, ...]:
-    """Names of the springs, as in the log of a run."""
-    return tuple(f"spring{c.spring}_{c.face}" for c in rig.channels)
 
 
 def states_of(state: BoardState) -> BoardStateMessage:

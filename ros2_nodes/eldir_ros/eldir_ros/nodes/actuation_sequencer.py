@@ -139,7 +139,7 @@ class ActuationSequencerNode(RigNode):
         try:
             with self._playing_lock:  # the goal before must have ended
                 rig = self._rig if self.state == ACTIVE else None
-                link.springs = () if rig is None else board.spring_names(rig)
+                link.springs = () if rig is None else rig.spring_names
                 request = RunRequest(
                     lambda: schedule_from(goal.request.schedule),
                     goal.request.client,

@@ -110,7 +110,7 @@ class McapRecorderNode(RigNode):
         folder = Path(get_text(self, "folder")).expanduser()
         path = folder / f"run-{start}-{message.id}" / "log.mcap"  # each folder is a bag
         schedule = self._with_predictions(schedule_from(message.schedule))
-        names = board.channel_names(self._rig), board.spring_names(self._rig)
+        names = self._rig.channel_names, self._rig.spring_names
         try:
             recording = self._recording = RunRecording(
                 path, *names, start_ns, self._lens, runs.room_of(message)

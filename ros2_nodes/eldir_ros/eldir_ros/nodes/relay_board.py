@@ -84,7 +84,7 @@ class RelayBoardNode(RigNode):
             self._board, self._open_rig = board, rig
         self._last = None
         self._guardian = self._opened.enter_context(Guardian(rig, port))
-        for name in set(convert.spring_names(rig)) - set(self._temperatures):
+        for name in set(rig.spring_names) - set(self._temperatures):
             self._temperatures[name] = self.advertise(Temperature, f"springs/{name}/temperature", RELIABLE)
         self.get_logger().info(f"{port}: all {rig.board.channels} channels are open")
         self._publish_stop_state()
@@ -244,8 +244,7 @@ class RelayBoardNode(RigNode):
 
     def _publish_report(self, report: Report, armed: bool = True) -> None:
         self._last = report
-        names = convert.spring_names(self._open_rig)
-        channels = convert.channel_names(self._open_rig)
+        names, channels = self._open_rig.spring_names, self._open_rig.channel_names
         age = time.monotonic() - report.t
         stamp = self.now_ns - round(1e9 * age)
         state = convert.BoardState(
