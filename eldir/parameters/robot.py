@@ -23,6 +23,7 @@ from eldir.parameters.printed import STRIP_SPREAD, BuiltParameters
 from eldir.parameters.springs import SpringParameters
 from eldir.parameters.tolerances import RigTolerances
 from eldir.parameters.uncertain import LISTED, PARAMETERS
+from eldir.parameters.wiring import FACES
 
 FOOT_SPREAD = 0.1
 """Standard deviation of the logarithm of a foot's friction, from foot to foot of one robot. Assumed:
@@ -31,7 +32,6 @@ SPRING_SPREADS = {n: p.between_springs for n, p in PARAMETERS.items() if p.betwe
 """Parameters in which the springs of one robot differ, with the standard deviation of the logarithm (of
 temperatures [K]). Sources: 1.5 mm of length; contacts and leads; the place in the fan's stream; the wire's
 composition."""
-_FACES = 2
 _MIN_STROKE = 1e-3  # [m]
 _STRIP, _SPRING = "strip", "spring"
 
@@ -194,7 +194,7 @@ def sample_springs(
     motors: int, springs: SpringParameters, tolerances: RigTolerances, rng: np.random.Generator
 ) -> tuple[SpringParameters, ...]:
     """The spring of each motor: the mean of two springs within their tolerances, one on each face."""
-    own = [[tolerances.perturb_one(springs, rng) for _ in range(_FACES)] for _ in range(motors)]
+    own = [[tolerances.perturb_one(springs, rng) for _ in FACES] for _ in range(motors)]
     return tuple(SpringParameters.mean(both) for both in own)
 
 

@@ -27,6 +27,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from eldir.core.records import BoolArray, FloatArray, IntArray
+from eldir.parameters.wiring import FACES
 from eldir_cad.checks.kinematics import rigidity_matrix
 
 FALLEN = np.radians(60)
@@ -44,7 +45,6 @@ _MAX_STEP = 0.1  # of any unknown [m, rad]: a robot that no foot carries would m
 _MAX_ITERATIONS, _PRECISION = 40, 1e-6
 _FAR = 2.0  # unknown beyond which the robot has fallen [m, rad]
 _SAME = 2e-4  # change of a pose and its coils up to which it is taken for the one before [m]
-_FACES = 2
 
 
 @dataclass(frozen=True)
@@ -273,7 +273,7 @@ class _Energy:
 
     def minimise(self, before: _State, condition: Condition) -> _State:
         """Newton's method from the state before, by a saddle-free step where the energy is not convex."""
-        self._before, self._friction = before, _FACES * condition.socket_friction
+        self._before, self._friction = before, len(FACES) * condition.socket_friction
         self._force = self._linear + condition.side_tilt * self._aside
         x = np.concatenate([self._motions.T @ before.slopes.ravel(), before.shifts, before.lift])
         value = self._value(x)
@@ -303,7 +303,7 @@ class _Energy:
     def _value(self, x: FloatArray) -> float:
         depth, beyond, held, slid = self._strains(x)
         smooth = x @ (self._quadratic @ x) / 2 - self._force @ x
-        springs = _CONTACT_STIFFNESS * (depth @ depth) + _FACES * self._section.edge_stiffness * (
+        springs = _CONTACT_STIFFNESS * (depth @ depth) + len(FACES) * self._section.edge_stiffness * (
             beyond @ beyond
         )
         sockets = self._friction * _TURN_ELASTIC * _huber(held).sum()
@@ -312,7 +312,7 @@ class _Energy:
     def _derivatives(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Gradient and Hessian matrix of the energy."""
         depth, beyond, held, slid = self._strains(x)
-        edge, friction = _FACES * self._section.edge_stiffness, self._friction
+        edge, friction = len(FACES) * self._section.edge_stiffness, self._friction
         forces = np.concatenate([
             _CONTACT_STIFFNESS * depth,
             edge * beyond + friction * np.clip(held, -1, 1),

@@ -17,6 +17,7 @@ from eldir.built.ground import check_terrain, find_lift
 from eldir.core.records import FloatArray
 from eldir.morphology import Morphology
 from eldir.parameters.printed import BuiltParameters
+from eldir.parameters.wiring import FACES
 from eldir.terrain import Terrain
 from eldir_cad.checks.strip_law import StripLaw, built_parameters
 from eldir_cad.geometry.assembly import assemble
@@ -27,7 +28,6 @@ from eldir_cad.multibody.hubs import Inertia, hub_inertias
 SOCKET_FRICTION = 0.2e-3
 """Torque at which a strip begins to rotate in its sockets of both faces [N m]. Assumed: a bulb of 1.2 mm
 radius under 0.3 N with a coefficient of friction of 0.3."""
-_FACES = 2
 _UNLIMITED = math.radians(80)  # no strip rotates so far: hubs touch each other first
 _NO_RADIUS = 1e-6  # of hubs that do not touch each other [m]
 
@@ -198,11 +198,11 @@ def _springs(
         morphology.springs.tolist(), morphology.active, extensions.tolist(), strict=True
     ):
         if active:
-            stiffness = _FACES * robot.cold_stiffness, _FACES * robot.hot_stiffness
-            coils.append(CoilSpring((a, b), stiffness, _FACES * robot.active_damping))
+            stiffness = len(FACES) * robot.cold_stiffness, len(FACES) * robot.hot_stiffness
+            coils.append(CoilSpring((a, b), stiffness, len(FACES) * robot.active_damping))
         else:
             length = 1e-3 * spec.hinge_to_hinge + extension
-            forces = _FACES * robot.tension, _FACES * robot.buckling, _FACES * bending
+            forces = len(FACES) * robot.tension, len(FACES) * robot.buckling, len(FACES) * bending
             strips.append(Strip((a, b), length, *forces))
     return strips, coils
 

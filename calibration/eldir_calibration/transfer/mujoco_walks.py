@@ -19,6 +19,7 @@ from eldir.morphology import Morphology
 from eldir.parameters.robot import RobotParameters
 from eldir.parameters.springs import SpringParameters
 from eldir.parameters.tolerances import RigTolerances
+from eldir.parameters.wiring import FACES
 from eldir_cad.kit import PRINTER
 from eldir_cad.kit.printer import load_printer
 from eldir_cad.kit.specification import load_specification
@@ -30,7 +31,6 @@ FINE_NUMERICS = Numerics(step=1e-4, contact_time=2e-4)
 by 0.02 beyond this (docs/reference/second-physics-measured.md)."""
 SAMPLE_ROWS = 20
 """Rows of free lengths between positions that are kept: one second."""
-_FACES = 2
 
 
 WalkFault = Literal["", "turns over", "falls sideways", "folds", "buckles a coil", "fails"]
@@ -97,7 +97,7 @@ def sample_heating(
     mean. `hubs` of each motor: heat passes between springs of one face."""
     motors = len(gait.phase)
     table = heat_faces(gait, sample_face_springs(motors, seed, springs, tolerances), cycles, hubs)
-    return replace(table, lengths=table.lengths.reshape(-1, motors, _FACES).mean(axis=2))
+    return replace(table, lengths=table.lengths.reshape(-1, motors, len(FACES)).mean(axis=2))
 
 
 def sample_face_springs(
@@ -109,7 +109,7 @@ def sample_face_springs(
     """The springs that a seed gives both faces, in the order of `eldir.built.gait.heat_faces`.
     `tolerances` of their rig: by default those of a new rig file."""
     deviations, allowed = np.random.default_rng([seed, 3]), tolerances or RigTolerances()
-    return [allowed.perturb_one(springs, deviations) for _ in range(_FACES * motors)]
+    return [allowed.perturb_one(springs, deviations) for _ in range(len(FACES) * motors)]
 
 
 def measure_walk(
