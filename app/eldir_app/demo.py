@@ -9,6 +9,7 @@ from pathlib import Path
 
 from eldir import defaults
 from eldir.built.gait import CYCLES
+from eldir.built.samples import SAMPLES
 from eldir.core.files import new_folder, write_text
 from eldir.core.worker_process import WorkerProcess
 from eldir.design import Design, marked_masses
@@ -24,7 +25,6 @@ from eldir_cad.packet.folder import write_packet
 from eldir_cad.shortlist.folder import write_shortlist
 from eldir_cad.shortlist.ranking import RankedDesign, Shortlist, rank
 from eldir_calibration.comparison.motions import prepare_report
-from eldir_calibration.comparison.predictions import SAMPLES
 from eldir_calibration.report.comparison import MotionReport
 from eldir_calibration.report.page import ReportInput, write_report
 from eldir_hardware.markers.placement import placement_files

@@ -11,6 +11,7 @@ import numpy as np
 from eldir.built.gait import FilmedGait, Gait, read_gait
 from eldir.built.gait_choice import choose_gait
 from eldir.built.samples import (
+    SAMPLES,
     IdentifiedRobots,
     NominalRobots,
     RobotDistribution,
@@ -88,7 +89,7 @@ def find_gait(
     *,
     imitate: bool = False,
     seed: int = 0,
-    samples: int = 16,
+    samples: int = SAMPLES,
     scene: PrintedScene | None = None,
     other_than: Sequence[Gait] = (),
     stage: Stage = silent,

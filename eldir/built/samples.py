@@ -27,6 +27,8 @@ from eldir.terrain import Terrain
 _EQUAL = 0.1  # body lengths per five cycles: walks that differ by less count as equal
 _HALVINGS = 5
 _LEAST_SHARE = 0.5**_HALVINGS
+SAMPLES = 16
+"""Number of sampled robots of a prediction."""
 RISK = 0.5
 """Standard deviations by which the fitness of a walk is below its mean. It covers the error of the mean of
 four and more samples, and asks for robots that walk whatever their feet are like (decision 38)."""
@@ -251,7 +253,7 @@ class SampledWalks(Record):
 def sample_walks(
     robots: RobotDistribution,
     gaits: Sequence[Gait],
-    n: int = 16,
+    n: int = SAMPLES,
     seed: int = 0,
     *,
     cycles: int | None = None,

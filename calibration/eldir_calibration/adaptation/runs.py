@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from eldir.built.gait import CYCLES
+from eldir.built.samples import SAMPLES
 from eldir.core.records import OMITTED, FileRecord, Record, record
 from eldir_calibration.dynamics.belief import BeliefConfig
 from eldir_calibration.dynamics.configuration import DEFAULT_CONFIG
@@ -24,7 +25,7 @@ class AdaptationConfig:
     """No run begins that would end later than this after the start [min]; None: no limit."""
     seed: int = 0
     """Random seed of beliefs and samples."""
-    samples: int = 16
+    samples: int = SAMPLES
     """Sampled robots of each prediction."""
     cycles: int = CYCLES
     """Cycles of a run that count."""

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from eldir.built.samples import SAMPLES
 from eldir.built.scene import PrintedScene
 from eldir.built.walking import describe_doubt
 from eldir.core.version import __version__
@@ -23,7 +24,7 @@ from eldir_calibration.comparison.departure import (
     require_whole_cycle,
 )
 from eldir_calibration.comparison.film import ground_in_film, render_film
-from eldir_calibration.comparison.predictions import SAMPLES, PredictedMotions, predict_runs
+from eldir_calibration.comparison.predictions import PredictedMotions, predict_runs
 from eldir_calibration.comparison.recorded_run import LoggedRun, RecordedRun, open_runs
 from eldir_calibration.report.comparison import Motion
 from eldir_calibration.report.controls import INTACT, FilmedRun, compare_with_others

@@ -14,7 +14,7 @@ from eldir.built.ground import surface_line
 from eldir.built.heat import SpringState, heat
 from eldir.built.motion import OK, PrintedMotion, drive
 from eldir.built.robot import PrintedRobot, build
-from eldir.built.samples import IdentifiedRobots, NominalRobots, RobotDistribution
+from eldir.built.samples import SAMPLES, IdentifiedRobots, NominalRobots, RobotDistribution
 from eldir.built.scene import PrintedScene
 from eldir.built.walking import stays_upright
 from eldir.core.records import FloatArray, IntArray
@@ -36,8 +36,6 @@ from eldir_hardware.vision.printed_ground import CORNER
 _INTERVAL = 0.05  # of the predicted temperatures [s]
 _UPRIGHT_STRIDE = 20  # intervals between two checks whether a sample stands
 _BODY_STRIDE = 2  # intervals from one place of the whole body to the next
-SAMPLES = 16
-"""Number of sampled robots, the same as in `eldir gait`."""
 MAX_WALK_CYCLES = 20
 """Cycles over which `predict_walk` simulates a long schedule: about ten seconds of processor time."""
 _WALK_INTERVAL = 0.5  # of the walk over time [s]

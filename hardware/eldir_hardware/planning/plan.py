@@ -22,7 +22,7 @@ from eldir.built.gait_search import (
     silent,
 )
 from eldir.built.heat import HeatModel, SpringState, heating_time
-from eldir.built.samples import SampledWalks, interval_reach
+from eldir.built.samples import SAMPLES, SampledWalks, interval_reach
 from eldir.built.scene import PrintedScene
 from eldir.built.screening import candidate_gaits
 from eldir.core.pictures import png
@@ -61,7 +61,7 @@ class PlanConfig:
     """Whether the gait of the neural controller is imitated too, and then chosen."""
     seed: int = 0
     """Random seed of the sampled robots; the same seed gives the same bytes."""
-    samples: int = 16
+    samples: int = SAMPLES
     """Number of robots for which each walk is predicted, over five cycles."""
     cycles: int = CYCLES
     """Number of cycles of the schedule that count."""
