@@ -14,7 +14,7 @@ from eldir.parameters.robot import RobotParameters
 from eldir.parameters.uncertain import is_unobservable
 from eldir.trajectory import Trajectory
 from eldir_calibration.dynamics._problem import Problem, compute_residual
-from eldir_calibration.dynamics.configuration import DEFAULT_CONFIG, IdentificationConfig
+from eldir_calibration.dynamics.configuration import DEFAULT_CONFIG
 from eldir_calibration.dynamics.recording import INTERVAL, FilmedBody, Recording, predict_markers
 
 _BATCH_SIZE = 16  # robots that are simulated side by side between two reports of progress
@@ -53,7 +53,6 @@ def attribute_ranges(
     recording: Recording,
     nominal: RobotParameters,
     scene: PrintedScene,
-    config: IdentificationConfig = DEFAULT_CONFIG,
     progress: Callable[[float], None] = lambda part: None,
 ) -> RangeAttribution:
     """Vertical ranges of the nominal and the identified robot: gradients at both, and each parameter's share
@@ -62,7 +61,7 @@ def attribute_ranges(
     names = scene.parameters
     z = scene.z
     places = [np.zeros(len(z)), z]
-    step = config.attribution_step
+    step = DEFAULT_CONFIG.attribution_step
     moving = [i for i, name in enumerate(names) if not is_unobservable(name)]
     steps = [s * step * unit for unit in np.eye(len(z))[moving] for s in (1, -1)]
     tried = [nominal.at(names, p) for place in places for p in [place, *(place + s for s in steps)]]
@@ -110,11 +109,9 @@ def rank_experiments(
     body: FilmedBody,
     scene: PrintedScene,
     gaits: Sequence[Gait],
-    cycles: int = 1,
-    config: IdentificationConfig = DEFAULT_CONFIG,
     progress: Callable[[float], None] = lambda part: None,
 ) -> list[Experiment]:
-    """The expected information of a film of each gait, the most informative first.
+    """The expected information of a film of one cycle of each gait, the most informative first.
 
     It is computed to first order about the identified robot: the covariance becomes (C^-1 + J'J)^-1, with J
     in standard deviations of the noise that the fit assumed. Hubs are simulated as pins, which takes a
@@ -126,13 +123,13 @@ def rank_experiments(
     prior = np.linalg.pinv(scene.covariance, hermitian=True)
     robot = scene.robot.uniform
     robot = replace(robot, printed=robot.printed.with_pins())
-    once = replace(config, jitter_robots=0)  # divergence does not enter
+    config = replace(DEFAULT_CONFIG, jitter_robots=0)  # divergence does not enter
     for i, gait in enumerate(gaits):
         progress(i / len(gaits))
-        film = _blank_recording(body, gait, cycles, config.film_rate)
+        film = _blank_recording(body, gait, config.film_rate)
         widths = np.full(len(zero), config.attribution_step)
         linear = Problem(
-            body, [film], robot, scene.parameters, once.rough_noise, widths, config=once
+            body, [film], robot, scene.parameters, config.rough_noise, widths, config=config
         ).linearise(zero)
         rows = compute_residual(film, linear.tangents[0]).scale(*noise)
         after = np.linalg.inv(prior + rows @ rows.T)
@@ -142,11 +139,11 @@ def rank_experiments(
     return sorted(found, key=lambda e: -e.information)
 
 
-def _blank_recording(body: FilmedBody, gait: Gait, cycles: int, rate: float) -> Recording:
-    """A recording without motion, in which every marker is seen in all frames."""
-    starts = np.arange(round((SETTLE + gait.period * (1 + cycles)) / INTERVAL)) * INTERVAL
+def _blank_recording(body: FilmedBody, gait: Gait, rate: float) -> Recording:
+    """A recording of one cycle without motion, in which every marker is seen in all frames."""
+    starts = np.arange(round((SETTLE + gait.period * 2) / INTERVAL)) * INTERVAL
     times = np.arange(0, len(starts) * INTERVAL, 1 / rate)
     names = tuple(f"m{i + 1}" for i in range(len(body.marker_masses)))
     nothing = Trajectory(names, times, np.zeros((len(times), len(names), 2)))
     on = gait.is_heating(starts - SETTLE + 1e-9).astype(float)
-    return Recording(nothing, on, SETTLE + gait.period, gait.period, cycles)
+    return Recording(nothing, on, SETTLE + gait.period, gait.period, 1)

@@ -144,17 +144,15 @@ def _free_lengths(
     return [table[:, i * motors : (i + 1) * motors] for i in range(len(springs))]
 
 
-def find_fall(
-    rest: FloatArray, tracked: Trajectory, config: IdentificationConfig = DEFAULT_CONFIG
-) -> float | None:
+def find_fall(rest: FloatArray, tracked: Trajectory) -> float | None:
     """When a filmed robot first lay on its side [s]; None if it did so for less than a second in all. `rest`
     (K, 2) [m]: positions of its markers at rest.
 
     It lies where the lines between all pairs of visible markers have turned by more than
     `eldir.built.walking.TOPPLED_ANGLE` from rest: a motor turns some of them as far, but not all. Frames
-    with fewer than `config.min_markers` visible markers are ignored.
+    with fewer than `IdentificationConfig.min_markers` visible markers are ignored.
     """
-    enough = np.isfinite(tracked.positions[..., 0]).sum(axis=1) >= config.min_markers
+    enough = np.isfinite(tracked.positions[..., 0]).sum(axis=1) >= DEFAULT_CONFIG.min_markers
     i, j = np.triu_indices(len(rest), 1)
     a, b = rest[j] - rest[i], (tracked.positions[:, j] - tracked.positions[:, i])[enough]
     turned = np.abs(np.arctan2(a[:, 0] * b[..., 1] - a[:, 1] * b[..., 0], (a * b).sum(axis=-1)))

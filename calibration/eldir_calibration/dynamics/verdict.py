@@ -45,7 +45,7 @@ class FitVerdict(Enum):
         """Whether its values are measurements, with the intervals of the fit."""
         return self in (FitVerdict.FITS, FitVerdict.NEARLY_RIGHT)
 
-    def widening(self, config: IdentificationConfig = DEFAULT_CONFIG) -> float:
+    def widening(self, config: IdentificationConfig) -> float:
         """Factor by which the intervals of a model that predicts are wider than the fit's."""
         return 1.0 if self is FitVerdict.FITS else config.widening
 
@@ -75,7 +75,7 @@ class Evidence:
         assumed: bool,
         reproducible: bool,
         at_edge: Sequence[str],
-        config: IdentificationConfig = DEFAULT_CONFIG,
+        config: IdentificationConfig,
     ) -> Evidence:
         """Evidence from the checks of the fitted films and of the held-out cycle.
 
@@ -164,14 +164,12 @@ def within_noise(check: ModelCheck) -> bool:
     return check.is_decidable and check.unexplained <= check.limit
 
 
-def max_tolerated_residual(check: ModelCheck, config: IdentificationConfig = DEFAULT_CONFIG) -> float:
+def max_tolerated_residual(check: ModelCheck, config: IdentificationConfig) -> float:
     """Tolerated residual of a model with parameters for every part [m]."""
     return max(check.limit, config.part_tolerance * check.motion)
 
 
-def parameters_at_edge(
-    names: Sequence[str], z: FloatArray, config: IdentificationConfig = DEFAULT_CONFIG
-) -> list[str]:
+def parameters_at_edge(names: Sequence[str], z: FloatArray, config: IdentificationConfig) -> list[str]:
     """Parameters as far from nominal as a fit may move them."""
     far = np.abs(z) > config.edge_share * config.z_limit
     return [name for name, edge in zip(names, far, strict=True) if edge]
@@ -184,7 +182,7 @@ def is_identified(
     return verdict.values_known and prior_share < config.max_known_spread
 
 
-def describe_model(model: IdentifiedModel, config: IdentificationConfig = DEFAULT_CONFIG) -> list[str]:
+def describe_model(model: IdentifiedModel) -> list[str]:
     """Messages about `model` in a printed scene's results: which joint model was taken, what was left out,
     and whether the model fits."""
     sentences, (first, *more) = [], model.tried
@@ -196,18 +194,18 @@ def describe_model(model: IdentifiedModel, config: IdentificationConfig = DEFAUL
             f"{1e3 * first.held_out_left_m:.2f} mm"
         )
     gaps = enumerate(model.left_out_s, start=1)
-    left_out = [f"{t:.0f} s of film {i}" for i, t in gaps if t > config.min_reported_gap]
+    left_out = [f"{t:.0f} s of film {i}" for i, t in gaps if t > DEFAULT_CONFIG.min_reported_gap]
     if left_out:
         sentences.append(
             f"left out: {' and '.join(left_out)}, because slightly perturbed simulations diverge there"
         )
-    evidence, facts = Evidence.from_numbers(model), _sentence_values(model, config)
+    evidence, facts = Evidence.from_numbers(model), _sentence_values(model)
     return sentences + [
         row.sentence.format(**facts) for row in VERDICTS if row.sentence and row.holds(evidence)
     ]
 
 
-def describe_doubts(held_out: HeldOutNumbers, config: IdentificationConfig = DEFAULT_CONFIG) -> list[str]:
+def describe_doubts(held_out: HeldOutNumbers) -> list[str]:
     """Descriptions of what is predicted badly, from `held_out_cycle` in a printed scene's results: already in
     the cycles that were fitted, so that the next ones will be off, too."""
     if (fitted := held_out.fitted_cycles) is None:  # of a file of version 0.1.0
@@ -215,42 +213,42 @@ def describe_doubts(held_out: HeldOutNumbers, config: IdentificationConfig = DEF
     return [
         words.format(error)
         for error, words, limit in (
-            (fitted.range_error, "the vertical ranges by up to {:.1%}", config.max_range_error),
+            (fitted.range_error, "the vertical ranges by up to {:.1%}", DEFAULT_CONFIG.max_range_error),
             (
                 fitted.walk_error,
                 "the walk by up to {:.2f} body lengths in five cycles",
-                config.max_walk_error,
+                DEFAULT_CONFIG.max_walk_error,
             ),
         )
         if error is not None and error > limit
     ]
 
 
-def describe_predictions(results: Identification, config: IdentificationConfig = DEFAULT_CONFIG) -> list[str]:
+def describe_predictions(results: Identification) -> list[str]:
     """Messages about predictions, from a printed scene's results: whether they are doubtful, or hold although
     the model does not fit."""
-    if doubts := describe_doubts(results.held_out_cycle, config):
+    if doubts := describe_doubts(results.held_out_cycle):
         return [f"predictions are doubtful: in the fitted cycles they miss {' and '.join(doubts)}"]
     fitted = results.held_out_cycle.fitted_cycles
     if results.model.predicts or fitted is None or None in (fitted.range_error, fitted.walk_error):
         return []
     return [
         "the fitted cycles are predicted all the same, the vertical ranges to "
-        f"{config.max_range_error:.0%}, the walk to {config.max_walk_error:g} body lengths in five cycles; "
-        "another gait may not be"
+        f"{DEFAULT_CONFIG.max_range_error:.0%}, the walk to {DEFAULT_CONFIG.max_walk_error:g} body lengths "
+        "in five cycles; another gait may not be"
     ]
 
 
-def _sentence_values(model: ModelNumbers, config: IdentificationConfig) -> dict[str, str]:
+def _sentence_values(model: ModelNumbers) -> dict[str, str]:
     """The numbers in the sentences of the table."""
     motions = [(v, f"{m} {d}") for m, both in model.marks.items() for d, v in both.items()]
-    worst = sorted(motions, reverse=True)[: config.max_named_motions]
+    worst = sorted(motions, reverse=True)[: DEFAULT_CONFIG.max_named_motions]
     return {
         "unexplained": f"{1e3 * model.unexplained_m:.2f}",
         "limit": f"{1e3 * model.limit_m:.2f}",
         "share": f"{model.unexplained_m / model.motion_m:.1%}" if model.motion_m else "all",
         "strips": _JOINTS[model.strips],
-        "widening": f"{config.widening:g}",
+        "widening": f"{DEFAULT_CONFIG.widening:g}",
         "at_edge": ", ".join(model.at_edge),
         "worst": ", ".join(f"{name} {1e3 * v:.2f} mm" for v, name in worst),
     }
