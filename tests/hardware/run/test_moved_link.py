@@ -27,6 +27,7 @@ from tests.hardware.rigs_and_schedules import rig_with
 from tests.hardware.virtual.piston_and_observer import Piston
 from tests.paths import ROOT
 
+pytestmark = pytest.mark.usefixtures("state_folder")
 SENSOR = {"kind": "ina3221"}
 OPEN = "all 4 channels are open by the board's report"
 
@@ -54,13 +55,6 @@ class Bench:
 def bench(folder: Path, kind: str = "lcus") -> Iterator[Bench]:
     with emulated(kind) as first, emulated(kind) as second:
         yield Bench(folder, first, second, kind)
-
-
-@pytest.fixture(autouse=True)
-def state(tmp_path, monkeypatch):
-    """The state folder of this test."""
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-    return tmp_path / "state" / "eldir"
 
 
 @pytest.mark.parametrize(("kind", "strike"), in_turn(["lcus", "modbus"], [None, signal.SIGSTOP]))
@@ -95,10 +89,10 @@ def test_rig_off_fails_where_one_of_both_is_not_proven(silent, tmp_path):
         assert bool(find_record(b.first.port).opened) is (silent == "second")
 
 
-def test_rig_off_of_the_link_or_of_the_device(tmp_path, state):
+def test_rig_off_of_the_link_or_of_the_device(tmp_path, state_folder):
     schema = json.loads((ROOT / "docs" / "schemas" / "board.schema.json").read_text())
     with bench(tmp_path) as b, heating_program(b.first, b.rig) as (_, guardian):
-        (file,) = state.glob("board-*.json")
+        (file,) = state_folder.glob("board-*.json")
         jsonschema.validate(json.loads(file.read_text()), schema)
         b.move()
         (mine,) = (g for g in list_guarded_ports() if g.process == guardian)

@@ -28,13 +28,8 @@ from tests.hardware.safety.remembered_springs import COLD, WARM
 from tests.paths import SCHEMAS
 from tests.raised import raises
 
+pytestmark = pytest.mark.usefixtures("state_folder")
 PORT = "/dev/ttyUSB70"  # a file of its name is written; nothing opens it
-
-
-@pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch) -> Path:
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-    return tmp_path / "state" / "eldir"
 
 
 def written(folder: Path) -> Path:
@@ -58,10 +53,10 @@ def known() -> dict[int, SpringHeat]:
     return {channel: replace(heat, age_s=0.0) for channel, heat in load_springs(PORT).items()}
 
 
-def test_it_is_written_as_its_schema_says(folder):
+def test_it_is_written_as_its_schema_says(state_folder):
     for springs in (WARM, None):
         save_springs(PORT, springs)
-        values = json.loads(written(folder).read_text())
+        values = json.loads(written(state_folder).read_text())
         jsonschema.validate(values, json.loads((SCHEMAS / "springs.schema.json").read_text()))
     assert values["boot"] == Path("/proc/sys/kernel/random/boot_id").read_text().strip()
 
@@ -115,10 +110,10 @@ def test_after_a_restart_they_have_cooled_since_then(monkeypatch):
         lambda values: json.dumps(values | {"springs": {"1": _spring(pulses_s=[[float("inf"), 2.0]])}}),
     ],
 )
-def test_a_damaged_file_counts_as_hot_springs(folder, change):
+def test_a_damaged_file_counts_as_hot_springs(state_folder, change):
     """Also one of another version; the next run writes it anew."""
     save_springs(PORT, WARM)
-    path = written(folder)
+    path = written(state_folder)
     path.write_text(change(json.loads(path.read_text())))
     assert load_springs(PORT) is None
     save_springs(PORT, WARM)
@@ -130,27 +125,27 @@ def _spring(**changes: object) -> dict:
     return values | changes
 
 
-def test_a_folder_that_cannot_be_trusted_counts_as_hot_springs(folder):
+def test_a_folder_that_cannot_be_trusted_counts_as_hot_springs(state_folder):
     save_springs(PORT, WARM)
-    folder.chmod(0o777)
+    state_folder.chmod(0o777)
     assert load_springs(PORT) is None
     with raises(EldirError, "state.not-written", match="other users can write"):
         save_springs(PORT, WARM)
 
 
-def test_files_of_emulated_boards_do_not_pile_up(folder):
+def test_files_of_emulated_boards_do_not_pile_up(state_folder):
     for _ in range(3):
         with emulated("lcus") as board:
             save_springs(board.port, WARM)
-    assert len(list(folder.glob("springs-*.json"))) == 1
+    assert len(list(state_folder.glob("springs-*.json"))) == 1
 
 
-def test_of_several_files_of_one_board_the_worst_counts(folder):
+def test_of_several_files_of_one_board_the_worst_counts(state_folder):
     """Such as of another board that was in this socket, or under a mark that this one has no longer."""
     save_springs(PORT, WARM)
-    first = written(folder)
+    first = written(state_folder)
     values = json.loads(first.read_text())
-    other = folder / "springs-0123456789abcdef.json"
+    other = state_folder / "springs-0123456789abcdef.json"
     springs = {"1": _spring(temperature_c=[30.0, 88.0], martensite=[0.5, 0.5]), "2": _spring()}
     other.write_text(json.dumps(values | {"at": values["at"] - 100.0, "springs": springs}))
     other.chmod(0o600)
@@ -165,7 +160,7 @@ def test_of_several_files_of_one_board_the_worst_counts(folder):
     assert other.exists(), "another board's"
     other.write_text(json.dumps(values))
     save_springs(PORT, WARM)
-    assert written(folder) == first
+    assert written(state_folder) == first
 
 
 def test_a_reset_lets_springs_cool_from_the_ceiling():
@@ -180,12 +175,12 @@ def test_a_reset_lets_springs_cool_from_the_ceiling():
 
 
 @pytest.mark.parametrize("older_first", [False, True])
-def test_two_files_of_one_board_are_merged_whichever_is_read_first(folder, monkeypatch, older_first):
+def test_two_files_of_one_board_are_merged_whichever_is_read_first(state_folder, monkeypatch, older_first):
     """The pulses of both count, and the lesser age."""
     save_springs(PORT, {1: WARM[1]})
-    first = written(folder)
+    first = written(state_folder)
     values = json.loads(first.read_text())
-    other = folder / ("springs-0000000000000000.json" if older_first else "springs-ffffffffffffffff.json")
+    other = state_folder / f"springs-{('0' if older_first else 'f') * 16}.json"
     older = {"1": _spring(temperature_c=[80.0, 85.0], pulses_s=[[40.0, 36.0]], martensite=[0.0, 0.1])}
     other.write_text(json.dumps(values | {"at": values["at"] - 30.0, "springs": older}))
     other.chmod(0o600)

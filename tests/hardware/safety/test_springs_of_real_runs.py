@@ -3,7 +3,6 @@
 import os
 import signal
 import time
-from pathlib import Path
 
 import pytest
 import yaml
@@ -20,11 +19,7 @@ from tests.hardware.emulated_rigs import emulated, heating_program, rig_file, wa
 from tests.hardware.rigs_and_schedules import rig_text
 from tests.raised import raises
 
-
-@pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch) -> Path:
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-    return tmp_path / "state" / "eldir"
+pytestmark = pytest.mark.usefixtures("state_folder")
 
 
 def test_a_second_run_waits_for_the_springs_of_the_first(tmp_path):
@@ -78,9 +73,9 @@ def test_after_a_guardian_was_killed_its_springs_count_as_hot(tmp_path):
             assert bank.ready_at >= time.monotonic() + rig.limits.min_off_s - 1.0
 
 
-def test_springs_of_a_virtual_rig_begin_cold_with_it(tmp_path, folder):
+def test_springs_of_a_virtual_rig_begin_cold_with_it(tmp_path, state_folder):
     values = yaml.safe_load(rig_text(clock="wall"))
     del values["camera"]
     with open_bank(Rig.from_json(values)) as opened, opened.bank.armed():
         assert opened.bank.ready_at <= opened.clock.now()
-    assert not list(folder.glob("springs-*.json"))
+    assert not list(state_folder.glob("springs-*.json"))

@@ -32,14 +32,8 @@ from tests.hardware.emulated_rigs import emulated
 from tests.paths import ROOT
 from tests.raised import raises
 
+pytestmark = pytest.mark.usefixtures("state_folder")
 NOWHERE = Path("/no/shared/folder")
-
-
-@pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
-    """The state folder of this test."""
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-    return tmp_path / "state" / "eldir"
 
 
 def drive(port: object) -> None:
@@ -144,12 +138,12 @@ def test_a_pseudo_terminal_that_has_gone_blocks_no_other():
         assert len(read_records()[0]) == 1, "the old record is dropped"
 
 
-def test_a_record_is_what_its_schema_says(folder):
+def test_a_record_is_what_its_schema_says(state_folder):
     schema = json.loads((ROOT / "docs" / "schemas" / "board.schema.json").read_text())
     with emulated("lcus") as board:
         drive(board.port)
         latch(board.port, "too hot", opened=True)
-        (file,) = folder.iterdir()
+        (file,) = state_folder.iterdir()
         jsonschema.validate(json.loads(file.read_text()), schema)
 
 
@@ -202,12 +196,12 @@ PLANTED = [
 
 
 @pytest.mark.parametrize("how", PLANTED)
-def test_anything_wrong_with_a_latch_counts_as_latched(how, folder, tmp_path):
+def test_anything_wrong_with_a_latch_counts_as_latched(how, state_folder, tmp_path):
     if os.geteuid() != 0 and how in ("a device", "of another user"):
         pytest.skip("only root can make it")
     with emulated("lcus") as board:
         drive(board.port)
-        (file,) = folder.iterdir()
+        (file,) = state_folder.iterdir()
         plant(file, how, tmp_path)
         with pytest.raises(LatchedError, match=rf"counts as stopped: .*{file.name}"):
             require_unlatched(board.port)
@@ -267,7 +261,7 @@ def test_two_programs_that_latch_a_board_at_once_lose_nothing():
             unlatch(board.port)
 
 
-def test_a_program_that_stands_still_while_it_writes_holds_up_no_stop(folder):
+def test_a_program_that_stands_still_while_it_writes_holds_up_no_stop(state_folder):
     with emulated("lcus") as board:
         drive(board.port)
         with open_state_folder(exclusive=True):
@@ -277,7 +271,7 @@ def test_a_program_that_stands_still_while_it_writes_holds_up_no_stop(folder):
         assert read_stop(board.port) == "off"
 
 
-def test_a_full_disk_keeps_the_record_and_refuses_the_start(folder, monkeypatch):
+def test_a_full_disk_keeps_the_record_and_refuses_the_start(state_folder, monkeypatch):
     import resource
 
     with emulated("lcus") as board:
@@ -286,7 +280,7 @@ def test_a_full_disk_keeps_the_record_and_refuses_the_start(folder, monkeypatch)
         resource.setrlimit(resource.RLIMIT_FSIZE, (1, limits[1]))
         try:
             assert "File too large" in latch(board.port, "too hot")
-            assert read_stop(board.port) == GUARDIAN_DIED and len(list(folder.iterdir())) == 1
+            assert read_stop(board.port) == GUARDIAN_DIED and len(list(state_folder.iterdir())) == 1
             with raises(EldirError, "state.not-written"):
                 drive(board.port)
         finally:
@@ -295,25 +289,25 @@ def test_a_full_disk_keeps_the_record_and_refuses_the_start(folder, monkeypatch)
 
 
 @pytest.mark.parametrize("mode", [0o777, 0o770, 0o702])
-def test_a_folder_that_others_can_write_is_refused(mode, folder):
-    folder.mkdir(parents=True)
-    folder.chmod(mode)
+def test_a_folder_that_others_can_write_is_refused(mode, state_folder):
+    state_folder.mkdir(parents=True)
+    state_folder.chmod(mode)
     with emulated("lcus") as board:
-        with pytest.raises(LatchedError, match=rf"other users can write .*chmod 700 {folder}"):
+        with pytest.raises(LatchedError, match=rf"other users can write .*chmod 700 {state_folder}"):
             require_unlatched(board.port)
         with raises(EldirError, "state.not-written", match="other users can write"):
             drive(board.port)
         assert "other users" in latch(board.port, "never fails")
 
 
-def test_a_folder_that_is_a_link_or_has_an_open_parent_is_refused(folder, tmp_path):
+def test_a_folder_that_is_a_link_or_has_an_open_parent_is_refused(state_folder, tmp_path):
     (tmp_path / "mine").mkdir()
-    folder.parent.mkdir()
-    folder.symlink_to(tmp_path / "mine")
+    state_folder.parent.mkdir()
+    state_folder.symlink_to(tmp_path / "mine")
     with raises(StateError, "state.no-access"), open_state_folder(NOWHERE):
         pass
-    folder.unlink()
-    folder.parent.chmod(0o777)
+    state_folder.unlink()
+    state_folder.parent.chmod(0o777)
     with raises(StateError, "state.open-folder", match="by every user"), open_state_folder(NOWHERE):
         pass
 
@@ -354,7 +348,7 @@ def test_a_good_end_leaves_the_stop_that_came_meanwhile():
         assert read_stop(board.port) is None
 
 
-def test_a_board_that_is_driven_is_stopped_through_the_shared_folder(folder):
+def test_a_board_that_is_driven_is_stopped_through_the_shared_folder(state_folder):
     """The folder of a user tells nothing of the others: there it is not looked at."""
     with emulated("lcus") as board:
         require_not_stopped(board.port)
