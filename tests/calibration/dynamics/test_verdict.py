@@ -27,7 +27,7 @@ def test_a_verdict_follows_from_the_rules(e: Evidence) -> None:
     assert is_identified(verdict, 0.49) == verdict.values_known and not is_identified(verdict, 0.5)
     if predicts:
         exact = fits and e.assumed and e.within_noise
-        assert verdict.widening() == (1.0 if exact else DEFAULT_CONFIG.widening)
+        assert verdict.widening(DEFAULT_CONFIG) == (1.0 if exact else DEFAULT_CONFIG.widening)
 
 
 def test_every_verdict_has_a_row_and_every_other_row_a_sentence() -> None:
