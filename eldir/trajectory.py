@@ -97,7 +97,8 @@ class Trajectory(FileRecord):
 
 def interpolate_near(times: FloatArray, values: FloatArray, instants: FloatArray, reach: float) -> FloatArray:
     """Linear interpolation of each column of `values` (T, C), with NaN where a point was not seen, shape
-    (instants, C); NaN at an instant from which no value of the column is within `reach` [s]."""
+    (instants, C); NaN at an instant from which no value of the column is within `reach` [s]. Before the first
+    value and after the last one it is that value."""
     found = np.full((len(instants), values.shape[1]), np.nan)
     for k, column in enumerate(values.T):
         seen = np.isfinite(column)
@@ -107,4 +108,20 @@ def interpolate_near(times: FloatArray, values: FloatArray, instants: FloatArray
         before, after = np.maximum(after - 1, 0), np.minimum(after, len(t) - 1)
         near = np.minimum(np.abs(instants - t[before]), np.abs(instants - t[after])) <= reach
         found[near, k] = np.interp(instants[near], t, column[seen])
+    return found
+
+
+def mean_known(values: FloatArray, axis: int) -> FloatArray:
+    """Mean along an axis over the values that are not NaN; NaN where none is."""
+    known = np.isfinite(values)
+    number, total = known.sum(axis=axis), np.where(known, values, 0.0).sum(axis=axis)
+    return np.divide(total, number, out=np.full(np.shape(total), np.nan), where=number > 0)
+
+
+def height_ranges(heights: FloatArray) -> FloatArray:
+    """Greatest minus least of each column (T, C) that has a value, shape (C,); NaN where it has none."""
+    found = np.full(heights.shape[1], np.nan)
+    some = np.isfinite(heights).any(axis=0)
+    if some.any():
+        found[some] = np.nanmax(heights[:, some], axis=0) - np.nanmin(heights[:, some], axis=0)
     return found

@@ -272,12 +272,13 @@ class FilmedGait(Record):
         cls,
         gait: Gait,
         walked: float,
-        upright: bool,
+        fell: bool,
         cycles: int,
         log: str,
         lost_at_s: float | None = None,
     ) -> FilmedGait:
         """The film of a gait."""
+        upright = not fell and lost_at_s is None
         return cls(log, gait.period, gait.phase, gait.duty, cycles, walked, upright, lost_at_s)
 
     @cached_property

@@ -16,6 +16,7 @@ from matplotlib.ticker import MaxNLocator
 from eldir.built.gait import CYCLES
 from eldir.core.files import write_text
 from eldir.core.pictures import hide_frame, new_axes, page_templates, png
+from eldir.trajectory import mean_known
 from eldir_app.catalogue.listing import signed, version_and_date
 from eldir_calibration.comparison.motions import track_run
 from eldir_calibration.comparison.recorded_run import LoggedRun, read_run
@@ -144,7 +145,7 @@ def plot_heights(runs: Sequence[ComparedRun]) -> Figure:
             if name in markers:
                 heights = one.motion.by_phase()[:, :, markers.index(name), 1]
                 whole = np.isfinite(heights).all(axis=1)
-                height = heights[whole if whole.any() else ~whole].mean(axis=0)
+                height = mean_known(heights[whole], axis=0)
                 axes.plot(phases, 1e3 * height, **_style(k, one))
         _finish(axes, "", f"{name} (mm)", legend=axes is rows[0])
     rows[-1].set_xlabel("part of the cycle")

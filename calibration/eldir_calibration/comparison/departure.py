@@ -50,7 +50,7 @@ def observe_standing(found: TrackingResult, design: Design, plane: Plane, focal:
     return Standing(observer, standing, loss)
 
 
-def find_loss(standing: Standing, rest: FloatArray | None) -> RobotLoss | None:
+def find_robot_loss(standing: Standing, rest: FloatArray | None) -> RobotLoss | None:
     """When a filmed robot fell or got out of sight, whichever came first; None where it did not. `rest`
     (K, 2) [m]: positions of its markers at rest; None: falls in the plane of motion are not looked for."""
     fall = None if rest is None else find_fall(rest, standing.trajectory)
@@ -69,12 +69,12 @@ def require_whole_cycle(loss: RobotLoss | None, first_cycle_end: float, name: st
             f"{name}: the robot fell or got out of sight before the first cycle that counts had ended",
             code="film.lost",
             expected=f"a robot that stands as designed, and is seen, for {first_cycle_end:.0f} s",
-            found=describe_loss(loss),
+            found=describe_robot_loss(loss),
             remedy="see on the film what happened; faces that heat differently make a robot fall sideways",
         )
 
 
-def describe_loss(loss: RobotLoss) -> str:
+def describe_robot_loss(loss: RobotLoss) -> str:
     """A phrase on how the robot was lost."""
     if loss.kind != "lost":
         return f"the robot {loss.phrase}"
@@ -85,12 +85,8 @@ def describe_lost_cycles(loss: RobotLoss | None) -> str:
     """A sentence for a reader of the walk; empty where the robot stayed upright and in sight."""
     if loss is None:
         return ""
-    if loss.kind != "lost":
-        return f"The robot {loss.phrase}: only cycles that ended before count."
-    return (
-        f"No marker was seen after {loss.time_s:.1f} s: the robot fell over, left the picture or was "
-        "covered. Only cycles that ended before count."
-    )
+    how = describe_robot_loss(loss)
+    return f"{how[0].upper()}{how[1:]}. Only cycles that ended before count."
 
 
 def measure_departure(standing: Standing, motion: Motion) -> OutOfPlaneNumbers | None:

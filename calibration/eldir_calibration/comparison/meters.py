@@ -67,25 +67,25 @@ def read_meters(runs: Sequence[tuple[RunLog, Rig]], *, hot: bool) -> MeterReadin
     was off.
     """
     means: dict[tuple[int, str], list[tuple[float, float]]] = {}
-    heated = set()
     current_errors, voltage_errors, pulses = [], [], 0
     for log, rig in runs:
         for column, (counts, count) in _find_measurements(log, rig, hot).items():
             place = (rig.channels[column].spring, rig.channels[column].face)
-            heated.add(place)
+            found = means.setdefault(place, [])  # empty: heated, but not measured
             if not counts.any():
                 continue
             amperes, volts = (float(values[counts, column].mean()) for values in (log.currents, log.voltages))
-            means.setdefault(place, []).append((amperes, volts / rig.springs_per_channel))
+            found.append((amperes, volts / rig.springs_per_channel))
             assert rig.sensor is not None  # it measured
             chip, sensor = CHIPS[rig.sensor.kind], rig.sensor
             error = chip.current_error(sensor.shunt_ohm, sensor.shunt_tolerance, amperes)
             current_errors.append(error / amperes)
             voltage_errors.append(chip.voltage_error(volts) / volts)
             pulses += count
-    if not means:
+    if not current_errors:
         return None
-    springs = np.array([np.mean(found, axis=0) for found in means.values()])
+    springs = np.array([np.mean(found, axis=0) for found in means.values() if found])
+    per_channel = runs[0][1].springs_per_channel
     current, voltage = np.mean(springs, axis=0)
     return MeterReadings(
         float(current),
@@ -94,8 +94,8 @@ def read_meters(runs: Sequence[tuple[RunLog, Rig]], *, hot: bool) -> MeterReadin
         max(voltage_errors),
         pulses,
         _relative_spread(springs[:, 0], max(current_errors)),
-        rig.springs_per_channel * len(means),
-        rig.springs_per_channel * len(heated),
+        per_channel * len(springs),
+        per_channel * len(means),
     )
 
 
@@ -128,7 +128,7 @@ def _find_measurements(log: RunLog, rig: Rig, hot: bool) -> dict[int, tuple[Bool
         if rig.supply.outputs == "shared":
             counts &= together == 1
         if counts.any():
-            counts = counts & (log.currents[:, column] > zero_current)  # false for one that is not measured
+            counts &= log.currents[:, column] > zero_current  # false for one that is not measured
             found[column] = (counts, len(np.unique(since[counts])))
     return found
 

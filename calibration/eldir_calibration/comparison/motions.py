@@ -18,7 +18,7 @@ from eldir.parameters.wiring import select_motors
 from eldir_calibration.comparison.departure import (
     describe_departure,
     describe_lost_cycles,
-    find_loss,
+    find_robot_loss,
     measure_departure,
     observe_standing,
     require_whole_cycle,
@@ -215,7 +215,8 @@ def _provenance(runs: Sequence[LoggedRun], plane: Plane, scene: PrintedScene | N
 
 
 def _describe_scene(scene: PrintedScene) -> str:
-    """From which logs a robot was identified, and the SHA-256 of its file."""
+    """From which logs a robot was identified, and the SHA-256 of its file as this version
+    writes it."""
     logs = ", ".join(scene.provenance.get("logs", ())) or "unknown logs"
     return f"identified from {logs}; SHA-256 {hashlib.sha256(scene.to_text().encode()).hexdigest()}"
 
@@ -231,8 +232,8 @@ def _offset_progress(done: int, total: int, progress: Callable[[int, int], None]
 
 def track_run(run: LoggedRun, progress: Callable[[int], None], *, through_falls: bool = False) -> TrackedRun:
     """Tracks the frames of a log; `progress` is called with the number of frames so far. Only cycles count
-    that ended before the robot fell or got out of sight. `through_falls`: also those after a fall with all
-    markers in sight, which the caller looks for."""
+    that ended before the robot fell or got out of sight. `through_falls`: a fall with all markers in
+    sight is not looked for, and cycles after it count too."""
     source = LoggedFrames(run.log)
     plane = find_recorded_plane(source)
     found = track_frames(source, plane, run.names, marker_layout(run.design), progress, run.rig.marker)
@@ -241,7 +242,7 @@ def track_run(run: LoggedRun, progress: Callable[[int], None], *, through_falls:
     lens = find_recorded_lens(source)
     standing = observe_standing(found, run.design, plane, None if lens is None else float(lens.focal_px[0]))
     s = run.schedule
-    loss = find_loss(standing, None if through_falls else run.robot.positions[run.design.marks])
+    loss = find_robot_loss(standing, None if through_falls else run.robot.positions[run.design.marks])
     require_whole_cycle(loss, s.start_of_cycles + s.period_s, str(run.log.path))
     motion = run.motion(standing.trajectory)
     if loss is not None:

@@ -214,13 +214,11 @@ class LoggedRun(RecordedRun):
             )
 
     def describe_missing_cycles(self, cycles: int) -> str:
-        """A sentence for a reader of a film of so many cycles; empty where it has all of them and the run was
+        """A sentence for a reader of a film of which so many cycles count; empty where all do and the run was
         played to its end."""
         if cycles == self.schedule.cycles and not self.is_incomplete:
             return ""
-        return (
-            f"{self.log.path.name} holds {cycles} of {self.schedule.cycles} cycles that count; {self.ending}."
-        )
+        return f"{cycles} of {self.schedule.cycles} cycles of {self.log.path.name} count; {self.ending}."
 
     @property
     def is_incomplete(self) -> bool:

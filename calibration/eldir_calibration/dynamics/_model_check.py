@@ -19,7 +19,7 @@ import numpy as np
 
 from eldir.built.gait import CYCLES
 from eldir.core.records import BoolArray, FloatArray, Record
-from eldir.trajectory import MAX_TIME_GAP, interpolate_near
+from eldir.trajectory import MAX_TIME_GAP, height_ranges, interpolate_near, mean_known
 from eldir_calibration.dynamics._problem import (
     compute_residual,
     find_reproducible_frames,
@@ -160,9 +160,9 @@ class CycleMotions(Record):
         x = np.where(np.isfinite(recording.tracked.positions), positions, np.nan)
         ends = recording.start + recording.period * np.arange(recording.cycles + 1)
         inside = [(t >= a) & (t <= b) for a, b in pairwise(ends)]
-        ranges = np.array([_height_ranges(x[frames, :, 1]) for frames in inside])
+        ranges = np.array([height_ranges(x[frames, :, 1]) for frames in inside])
         positions_at_ends = interpolate_near(t, x[..., 0], ends, MAX_TIME_GAP * recording.period)
-        return cls(ranges, _mean_over_markers(np.diff(positions_at_ends, axis=0)))
+        return cls(ranges, mean_known(np.diff(positions_at_ends, axis=0), axis=1))
 
     def without_noise(self, recording: Recording, predicted: FloatArray) -> CycleMotions:
         """The filmed ranges less what the tracks' noise adds to those of a motion like them (`predicted`, as
@@ -189,18 +189,3 @@ class CycleMotions(Record):
     def per_five_cycles(self, body_length: float) -> FloatArray:
         """Walk in each cycle in body lengths per five cycles, shape (C,). `body_length` [m]."""
         return self.walks / body_length * CYCLES
-
-
-def _height_ranges(heights: FloatArray) -> FloatArray:
-    found = np.full(heights.shape[1], np.nan)
-    some = np.isfinite(heights).any(axis=0)
-    found[some] = np.nanmax(heights[:, some], axis=0) - np.nanmin(heights[:, some], axis=0)
-    return found
-
-
-def _mean_over_markers(motions: FloatArray) -> FloatArray:
-    """Mean over the markers that were seen, shape (C,)."""
-    visible = np.isfinite(motions)
-    number = visible.sum(axis=1)
-    total = np.where(visible, motions, 0.0).sum(axis=1)
-    return np.divide(total, number, out=np.full(len(motions), np.nan), where=number > 0)

@@ -182,9 +182,7 @@ def read_filmed_gait(run: LoggedRun, film: Recording) -> FilmedGait | None:
         return None
     fell = find_any_fall(run.robot.positions[run.design.marks], film) is not None
     lost_at = None if fell else film.lost_at
-    upright = not fell and lost_at is None
-    walk, cycles = motion.displacement(), motion.known_cycles
-    return FilmedGait.of(gait, walk, upright, cycles, run.log.path.name, lost_at)
+    return FilmedGait.of(gait, motion.displacement(), fell, motion.known_cycles, run.log.path.name, lost_at)
 
 
 def read_recording(run: LoggedRun, progress: Callable[[int], None] = lambda frames: None) -> Recording:

@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 
 from eldir.core.pictures import hide_frame, new_axes
 from eldir.core.records import BoolArray, FloatArray
+from eldir.trajectory import mean_known
 from eldir_calibration.report.comparison import (
     MOTION_KINDS,
     MOTION_NAMES,
@@ -75,7 +76,7 @@ def draw_paths(motions: dict[str, Motion]) -> Figure:
     for kind in MOTION_KINDS:
         motion = motions[kind]
         folded = motion.by_phase().reshape(-1, len(motion.trajectory.names), 2)
-        origin = _mean_start(folded[0, :, 0])
+        origin = np.nan_to_num(mean_known(folded[0, :, 0], axis=0))
         for k in range(folded.shape[1]):
             axes.plot(
                 *(1e3 * (folded[:, k] - [origin, 0.0])).T, STYLES[kind], color=COLOURS[kind], lw=1.0,
@@ -93,12 +94,6 @@ def draw_paths(motions: dict[str, Motion]) -> Figure:
     return figure
 
 
-def _mean_start(forward: FloatArray) -> float:
-    """Mean over the markers that have a place [m]; 0 if none has."""
-    known = forward[np.isfinite(forward)]
-    return float(known.mean()) if len(known) else 0.0
-
-
 def draw_heights(motions: dict[str, Motion], lag: int) -> Figure:
     """Height over the phase of a cycle: mean, and the band of all cycles in which the marker has a place
     throughout."""
@@ -112,7 +107,7 @@ def draw_heights(motions: dict[str, Motion], lag: int) -> Figure:
         y = y - y.mean(axis=1, keepdims=True)
         for k, axes in enumerate(rows):
             whole = np.isfinite(y[:, :, k]).all(axis=1)
-            one = y[whole if whole.any() else ~whole, :, k]
+            one = y[whole, :, k] if whole.any() else y[:, :, k]  # the latter is drawn as nothing
             axes.plot(phase, one.mean(axis=0), STYLES[kind], color=COLOURS[kind], label=LABELS[kind])
             axes.fill_between(phase, one.min(axis=0), one.max(axis=0), color=COLOURS[kind], alpha=0.15, lw=0)
     for name, axes in zip(names, rows, strict=True):

@@ -7,7 +7,6 @@ A matching profile of vertical ranges alone is weak evidence: it fits nearly any
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Annotated
 
 import numpy as np
@@ -16,7 +15,7 @@ from scipy.special import stdtrit
 from eldir.built.gait import CYCLES
 from eldir.core.records import FloatArray, Record, Rounded, record
 from eldir.errors import InputError
-from eldir.trajectory import MAX_TIME_GAP, Trajectory, interpolate_near
+from eldir.trajectory import MAX_TIME_GAP, Trajectory, height_ranges, interpolate_near, mean_known
 
 PHASE_SAMPLES = 100
 """Samples of a cycle."""
@@ -82,9 +81,7 @@ class Motion(Record):
         cycle = np.minimum(((t - self.start) / self.period).astype(int), self.cycles - 1)
         ranges = np.full((self.cycles, x.shape[1]), np.nan)
         for c in range(self.cycles):
-            heights = x[cycle == c, :, 1]
-            some = np.isfinite(heights).sum(axis=0) >= 2
-            ranges[c, some] = np.nanmax(heights[:, some], axis=0) - np.nanmin(heights[:, some], axis=0)
+            ranges[c] = height_ranges(x[cycle == c, :, 1])
         ranges[~np.isfinite(self.by_phase()).all(axis=(1, 3))] = np.nan
         return ranges
 
@@ -100,10 +97,8 @@ class Motion(Record):
         have a place there and had one at the start; NaN where none has."""
         t, x = self._counted_frames
         filled = self._interpolate(t, x[:, :, 0], t)
-        moved, known = filled - filled[0], np.isfinite(filled - filled[0])
-        number, total = known.sum(axis=1), np.where(known, moved, 0.0).sum(axis=1)
-        mean = np.divide(total, number, out=np.full(len(t), np.nan), where=number > 0)
-        return (t - self.start) / self.period, mean / (self.body_length * self.scale)
+        moved = mean_known(filled - filled[0], axis=1)
+        return (t - self.start) / self.period, moved / (self.body_length * self.scale)
 
     def displacement(self) -> float:
         """Forward motion of the masses in body lengths per five cycles, over the cycles in which it is
@@ -115,11 +110,7 @@ class Motion(Record):
         have a place at both ends of the cycle; NaN where none has."""
         ends = self.start + np.arange(self.cycles + 1) * self.period
         t, x = self.trajectory.times, self.trajectory.positions[:, :, 0]
-        moved = np.full(self.cycles, np.nan)
-        for cycle, (a, b) in enumerate(pairwise(self._interpolate(t, x, ends))):
-            both = np.isfinite(a) & np.isfinite(b)
-            if both.any():
-                moved[cycle] = b[both].mean() - a[both].mean()
+        moved = mean_known(np.diff(self._interpolate(t, x, ends), axis=0), axis=1)
         return moved / self.body_length * CYCLES
 
     @property

@@ -20,6 +20,7 @@ from eldir.design import MARKS, Design, marked_masses
 from eldir.genotype import random_genotypes
 from eldir.morphology import develop
 from eldir.parameters.robot import RobotParameters
+from eldir.trajectory import mean_known
 from eldir_calibration.report.comparison import CycleMean, Motion, agreements
 from eldir_calibration.report.verdict import RobotLoss
 
@@ -97,9 +98,12 @@ def summarise_controls(runs: Sequence[FilmedRun]) -> list[str]:
         if kind == INTACT:
             continue
         walks = f"The robot {kind} walks {other.mean:+.2f}, the intact one {whole.mean:+.2f}: "
-        if np.isfinite([whole.low, whole.high, other.low, other.high]).all() and (
-            other.high < whole.low or other.low > whole.high
-        ):
+        if not np.isfinite([whole.low, other.low]).all():
+            sentences.append(
+                f"It is unknown whether the robot {kind} and the intact one walk differently: of one of them "
+                "fewer than two cycles or runs show its walk."
+            )
+        elif other.high < whole.low or other.low > whole.high:
             scope = "" if min(counts[kind], counts[INTACT]) > 1 else " in these runs"
             sentences.append(f"{walks}they differ{scope}.")
         else:
@@ -156,11 +160,7 @@ def _profile_correlation(motion: Motion, tracked: Motion) -> float:
 def mean_ranges(motion: Motion) -> FloatArray:
     """Vertical range of each mass, mean over the cycles in which it is known [m], shape (K,); NaN if it is in
     none."""
-    ranges = motion.vertical_ranges()
-    some = np.isfinite(ranges).any(axis=0)
-    means = np.full(ranges.shape[1], np.nan)
-    means[some] = np.nanmean(ranges[:, some], axis=0)
-    return means
+    return mean_known(motion.vertical_ranges(), axis=0)
 
 
 def _mean(values: list[float]) -> float:

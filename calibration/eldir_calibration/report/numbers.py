@@ -43,7 +43,7 @@ class ComparedNumbers(Record):
     nominal: Number
     """Prediction for the nominal robot, or for the most probable one."""
     tracked: Number
-    """Filmed value; null if nothing was filmed."""
+    """Filmed value; null if unknown."""
     tracked_interval: Interval
     """95 % over cycles; wider for a robot that left its plane."""
     agreement: AgreementLevel | None
@@ -227,8 +227,8 @@ class OutOfPlaneNumbers(Record):
 
 @record
 class ReportNumbers(FileRecord):
-    """Written by `eldir report` as report.json. Lengths in metres at the built robot's pitch; null where a
-    mass was not seen."""
+    """Written by `eldir report` as report.json. Lengths in metres at the built robot's pitch; null where
+    the film does not show it."""
 
     FORMAT = "eldir-report/1"
 
@@ -238,7 +238,7 @@ class ReportNumbers(FileRecord):
     """Marked masses, m1 lowest."""
     body_lengths_per_5_cycles: dict[str, Number]
     """Mean forward motion of the marked masses: simulated, learned in the paper's scene; predicted for the
-    printed robot; tracked, filmed, null if it was not seen."""
+    printed robot; tracked, filmed, null if unknown."""
     body_lengths_per_5_cycles_interval: dict[str, Interval]
     """95 % of each motion: over cycles; of the prediction, for one more robot, from samples."""
     paper_body_lengths_per_5_cycles: dict[str, float]

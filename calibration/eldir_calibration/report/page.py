@@ -159,8 +159,8 @@ def _render_page(
     templates = page_templates(
         "eldir_calibration.report",
         percent=lambda v: f"{100 * v:.1f} %" if math.isfinite(v) else "–",
-        mm=lambda v: f"{round(v * 1e3, 1) + 0.0:.1f}" if math.isfinite(v) else "not seen",
-        number=lambda v: f"{round(v, 2) + 0.0:+.2f}" if math.isfinite(v) else "not seen",
+        mm=lambda v: f"{round(v * 1e3, 1) + 0.0:.1f}" if math.isfinite(v) else "unknown",
+        number=lambda v: f"{round(v, 2) + 0.0:+.2f}" if math.isfinite(v) else "unknown",
         fine=lambda v: f"{round(v, 3) + 0.0:+.3f}" if math.isfinite(v) else "?",
     )
     return templates.get_template("report.html").render(

@@ -180,7 +180,7 @@ class ReportVerdict:
             if self.walk.is_inside and not self.walk.is_test:
                 sentence = "Not decided: the film lies within the prediction's interval."
         elif not math.isfinite(self.walk.tracked.mean):
-            sentence = "It is unknown whether they agree: nothing was filmed."
+            sentence = "It is unknown whether they agree: the film does not show how far the robot walked."
         else:
             sentence = f"It is unknown whether they agree: {_too_few_samples(self)}."
         lost = f"the robot {self.loss.phrase}; only cycles that ended before count" if self.loss else ""
@@ -229,6 +229,7 @@ def evaluate_prediction(
                     _RESOLUTION,
                     name,
                     quantity,
+                    is_test=walk.is_test,
                 )
             )
     return ReportVerdict(walk, len(samples.walks), samples.fell, tuple(motions), film_error, loss, no_test)
@@ -274,7 +275,11 @@ def _describe_walk(v: ReportVerdict) -> str:
     walk, filmed = v.walk, v.walk.tracked
     of = "over cycles and out of the plane" if v.film_error else "over cycles"
     interval = f" ({filmed.low:+.2f} to {filmed.high:+.2f} {of})" if math.isfinite(filmed.low) else ""
-    camera = f"Filmed: {filmed.mean:+.2f}{interval}." if math.isfinite(filmed.mean) else "Nothing was filmed."
+    camera = (
+        f"Filmed: {filmed.mean:+.2f}{interval}."
+        if math.isfinite(filmed.mean)
+        else "The film does not show the walk."
+    )
     if walk.agreement is None:
         alone = f"{walk.nominal:+.2f} body lengths per five cycles, for the most probable parameters"
         return f"Predicted: {alone}. {camera} {v.sentence}"
@@ -293,9 +298,9 @@ def _describe_motions(v: ReportVerdict) -> list[str]:
     if worst is None:
         return []
     known = [m for m in v.motions if m.agreement is not None]
-    outside = sum(m.agreement != "agrees" for m in known)
+    outside = sum(not m.is_inside for m in known)
     p = worst.predicted
-    place, differs = ("within", "differs") if worst.agreement == "agrees" else ("outside", "disagrees")
+    place, differs = ("within", "differs") if worst.is_inside else ("outside", "disagrees")
     return [
         f"The {worst.quantity} of {worst.marker} {differs} most: predicted {1e3 * p.mean:.1f} mm "
         f"({1e3 * p.low:.1f} to {1e3 * p.high:.1f}), filmed {1e3 * worst.tracked.mean:.1f} mm, {place} the "

@@ -12,7 +12,7 @@ from eldir.trajectory import Trajectory
 from eldir_calibration.comparison.departure import (
     describe_departure,
     describe_lost_cycles,
-    find_loss,
+    find_robot_loss,
     marked_strips,
     measure_departure,
     observe_standing,
@@ -86,12 +86,8 @@ def test_a_robot_that_is_lost_walks_no_further_and_that_is_said(fell: bool) -> N
     assert standing.trajectory.times[-1] == loss.last_seen_s
     told = measure_departure(standing, Motion(standing.trajectory, 5.0, 12.0, 1, 0.3))
     assert told is not None and (told.last_seen_s, told.fell) == (loss.last_seen_s, fell)
-    said = (
-        "The robot fell over sideways at 21.0 s"
-        if fell
-        else "No marker was seen after 21.0 s: the robot fell"
-    )
-    lost = find_loss(standing, REST)
+    said = "The robot fell over sideways at 21.0 s" if fell else "No marker after 21.0 s: it fell over"
+    lost = find_robot_loss(standing, REST)
     assert lost is not None and lost.time_s == loss.last_seen_s
     assert describe_lost_cycles(lost).startswith(said) and describe_lost_cycles(None) == ""
     require_whole_cycle(lost, 17.0, "log.mcap")

@@ -130,7 +130,7 @@ def test_a_robot_that_fell_or_was_lost_does_not_agree(
     assert run["loss"] == {"time_s": pytest.approx(when, abs=0.3), "kind": kind}
     how = f"{'was lost' if kind == 'lost' else 'fell over'} at {run['loss']['time_s']:.1f} s"
     assert f"But the robot {how}; only cycles that ended before count" in listed["sentence"]
-    begins = f"No marker was seen after {when:.1f} s" if kind == "lost" else f"The robot {how}"
+    begins = f"No marker after {when:.1f} s" if kind == "lost" else f"The robot {how}"
     assert any(remark.startswith(begins) for remark in values["warnings"])
     compared = compared_run(path, lambda done, total: None)
     write_comparison([compared], tmp_path / "both.html")

@@ -247,7 +247,7 @@ def test_a_run_that_ended_early_has_its_whole_cycles(driven: RecordedRun) -> Non
     assert motion(start + 2.5 * period).cycles == motion(start + 2.78 * period).cycles == 2
     # Two frames of 0.1 s, of which the last one is at the end, may be missing.
     assert (motion(start + 3 * period - 0.05).cycles, motion(start + 3 * period - 0.25).cycles) == (3, 2)
-    stopped = "log.mcap holds {} of 3 cycles that count; last message of its player: emergency stop."
+    stopped = "{} of 3 cycles of log.mcap count; last message of its player: emergency stop."
     assert [logged.describe_missing_cycles(n) for n in (2, 3)] == [stopped.format(2), stopped.format(3)]
     for status in ((), (*said, (90.0, "player", RunResult(0.0, 0.0, 0.0).ended))):
         whole = replace(logged, log=replace(log, statuses=status))
@@ -281,7 +281,7 @@ def test_cycles_after_a_pause_do_not_count(driven: RecordedRun) -> None:
     walk = 5 * 0.02 / run.robot.body_length
     assert motion.displacements() == pytest.approx([walk])
     assert blind.cycles == 3 and blind.displacement() < 0.9 * walk, "a film that does not tell of the pause"
-    told = f"log.mcap holds 1 of 3 cycles that count; paused at {pause:.1f} s, later cycles do not count; "
+    told = f"1 of 3 cycles of log.mcap count; paused at {pause:.1f} s, later cycles do not count; "
     assert run.describe_missing_cycles(motion.cycles).startswith(told)
     for early in (2.0, start + 0.9 * period):
         with raises(InputError, "log.too-short", match=f"paused at {early:.1f} s"):

@@ -1,5 +1,7 @@
 """Comparison of motions that are known in closed form."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -106,6 +108,16 @@ def five_markers(*unseen: tuple[int, float, float]) -> Motion:
     for k, begin, end in unseen:
         x[(t > begin) & (t < end), k] = np.nan
     return Motion(Trajectory(tuple(f"m{k + 1}" for k in range(5)), t, x), PERIOD, PERIOD, CYCLES, LENGTH)
+
+
+def test_a_cycle_without_a_picture_has_no_range() -> None:
+    whole = five_markers()
+    kept = (whole.trajectory.times < 1.95 * PERIOD) | (whole.trajectory.times > 3.05 * PERIOD)
+    some = Trajectory(whole.trajectory.names, whole.trajectory.times[kept], whole.trajectory.positions[kept])
+    ranges = replace(whole, trajectory=some).vertical_ranges()
+    known = np.isfinite(ranges).all(axis=1)
+    assert known.tolist() == [True, False, *[True] * (CYCLES - 2)] and np.isnan(ranges[1]).all()
+    np.testing.assert_allclose(ranges[known], whole.vertical_ranges()[known], atol=1e-5)
 
 
 END = 1e3

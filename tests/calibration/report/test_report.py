@@ -82,7 +82,7 @@ def test_what_was_not_seen_is_null_and_said(tmp_path: Path) -> None:
     values = json.loads((tmp_path / "report" / "report.json").read_text())
     jsonschema.validate(values, SCHEMA)
     assert values["masses"]["m1"]["vertical_range_m"]["tracked"] is None
-    assert "not seen" in (tmp_path / "report" / "index.html").read_text()
+    assert ">unknown<" in (tmp_path / "report" / "index.html").read_text()
     assert any("m1" in w and "0%" in w for w in values["warnings"])
 
 

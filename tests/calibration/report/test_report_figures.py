@@ -10,7 +10,7 @@ from eldir_calibration.report.comparison import Motion
 from eldir_calibration.report.controls import compare_with_others
 from eldir_calibration.report.page import write_report
 from tests.calibration.report.report_input import HEATING, content
-from tests.calibration.report.striding_walkers import walker
+from tests.calibration.report.striding_walkers import CYCLES, PERIOD, walker
 
 
 def test_every_path_has_the_name_of_its_mark() -> None:
@@ -38,6 +38,10 @@ def test_a_marker_that_is_lost_is_drawn_as_far_as_it_was_seen(tmp_path) -> None:
     assert drawn == [pytest.approx(435, abs=2), pytest.approx(470, abs=2)]
     heights = draw_heights(motions, 0)
     assert all(np.isfinite(line.get_ydata()).all() for row in heights.axes for line in row.get_lines())
+    for cycle in range(CYCLES):
+        tracked = hide(tracked, 0, (cycle + 1.3) * PERIOD, (cycle + 1.7) * PERIOD)
+    never, _ = draw_heights(motions | {"tracked": tracked}, 0).axes
+    assert [np.isfinite(line.get_ydata()).any() for line in never.get_lines()].count(False) == 1
     told = write_report(content(tracked=tracked, before=walker(lift=0.0031)), tmp_path / "report")
     assert told.displacement["tracked"] == pytest.approx(0.25, abs=0.01)
 

@@ -105,6 +105,7 @@ def test_a_film_that_was_fitted_does_not_agree(speed, level):
     within = "Not decided: the film lies within the prediction's interval."
     assert v.sentence.startswith(within if level == "undecided" else "They disagree: ")
     assert v.sentence in v.text and "They agree" not in v.text
+    assert all(m.agreement != "agrees" for m in v.motions)
 
 
 @pytest.mark.parametrize(
@@ -123,6 +124,7 @@ def test_a_robot_that_fell_never_agrees(speed, agreement, words):
     loss = RobotLoss(71.75, "fell")
     v = evaluate_prediction(walker(), walker(speed=speed, noise=1e-5), sampled(), loss=loss)
     assert v.walk.agreement == agreement and "They agree" not in v.text
+    assert all(m.agreement != "agrees" for m in v.motions)
     assert f"{words}over at 71.8 s; only cycles that ended before count." in v.text
     unknown = evaluate_prediction(walker(), walker(), None, loss=loss)
     assert unknown.walk.agreement is None and unknown.sentence.endswith(
@@ -156,8 +158,9 @@ def test_a_film_without_markers_is_the_reason_why_nothing_is_known():
     film.trajectory.positions.setflags(write=True)
     film.trajectory.positions[:] = np.nan
     v = evaluate_prediction(walker(), film, sampled())
-    assert v.walk.agreement is None and "nothing was filmed" in v.sentence
-    assert v.text.endswith(f"Nothing was filmed. {v.sentence}") and "samples stay upright" not in v.text
+    assert v.walk.agreement is None and "does not show how far" in v.sentence
+    assert v.text.endswith(f"The film does not show the walk. {v.sentence}")
+    assert "samples stay upright" not in v.text
 
 
 def test_the_page_opens_with_it(tmp_path: Path):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import jsonschema
@@ -71,6 +72,8 @@ def test_the_verdict_is_as_sure_as_the_intervals() -> None:
     assert len(said) == 2 and all("they differ" in line and "overlap" not in line for line in said)
     uncertain = FilmedRun("b.mcap", "without a motor", "", walker(speed=0.0301, noise=2e-3), walker())
     assert "do not distinguish them" in summarise_controls([INTACT_RUN, uncertain])[0]
+    short = replace(WITHOUT, tracked=replace(WITHOUT.tracked, cycles=1))
+    assert summarise_controls([INTACT_RUN, short])[0].startswith("It is unknown whether the robot without")
     assert summarise_controls([INTACT_RUN]) == [] and summarise_controls([WITHOUT]) == []
 
 

@@ -28,4 +28,4 @@ def scene_of(
 
 
 def film(walked: float, gait: Gait = WALKED, upright: bool = True, lost: float | None = None) -> FilmedGait:
-    return FilmedGait.of(gait, walked, upright and lost is None, 5, "log.mcap", lost)
+    return FilmedGait.of(gait, walked, not upright, 5, "log.mcap", lost)
