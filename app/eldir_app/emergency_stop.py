@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import threading
-import time
 from functools import partial
 from pathlib import Path
 
 from eldir.errors import EldirError, InputError, report
 from eldir_hardware.relay.errors import NotProvenOffError
 from eldir_hardware.rig._board_hints import read_board_hints
-from eldir_hardware.rig.board_identity import BoardIdentity
-from eldir_hardware.rig.port_holder import find_holder
 from eldir_hardware.safety.off_targets import OffTarget, find_off_targets
 from eldir_hardware.safety.stop_signals import StopSignals
-from eldir_hardware.safety.switch_off import POLL_INTERVAL, PORT_TIMEOUT, OffResult, switch_off
+from eldir_hardware.safety.switch_off import OffResult, switch_off
 
 _OPTION_INDEX = {"--rig": 0, "--port": 1, "--board": 2}
 _CUT_SUPPLY = "cut the heating supply now"
@@ -117,7 +114,6 @@ def _print_currents(rig_file: Path | None, targets: list[OffTarget]) -> list[Eld
         measured = [(partial(Rig.load, rig_file), next((r.sensor for r in recorded), None))]
     flowing: list[EldirError] = []
     for load, sensor in measured:
-        _wait_until_free(sensor)
         try:
             rig = load()
             if reading := require_no_current(rig, sensor):
@@ -129,13 +125,6 @@ def _print_currents(rig_file: Path | None, targets: list[OffTarget]) -> list[Eld
         except EldirError as error:
             print(f"note: no current was measured: {error}")
     return flowing
-
-
-def _wait_until_free(sensor: BoardIdentity | None) -> None:
-    """Wait while a program measures with it: one whose guardian was killed does so too."""
-    deadline = time.monotonic() + PORT_TIMEOUT
-    while sensor is not None and find_holder(sensor) is not None and time.monotonic() < deadline:
-        time.sleep(POLL_INTERVAL)
 
 
 def _switch_off_in_parallel(targets: list[OffTarget]) -> list[OffResult]:

@@ -115,10 +115,11 @@ def _run_emergency_stop(arguments: list[str]) -> int | None:
     arguments = [argument for argument in arguments if not _count_verbose(argument)]
     if arguments[:2] != _EMERGENCY_STOP:
         return None
-    with suppress(OSError, AttributeError):  # real-time priority, where this user may have it
-        os.sched_setscheduler(0, os.SCHED_RR | os.SCHED_RESET_ON_FORK, os.sched_param(1))
     _move_working_directory_last()
     try:
+        from eldir_hardware.realtime import COMMANDS, request_realtime_priority
+
+        request_realtime_priority(COMMANDS)
         from eldir_app.emergency_stop import run_quickly
     except KeyboardInterrupt as error:
         error.add_note("nothing was switched off yet: run it again, or cut the heating supply now")

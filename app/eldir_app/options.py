@@ -57,7 +57,7 @@ def check_printer(name: str) -> None:
         raise typer.BadParameter(f"expected {known} or a .yaml file; found {name!r}", param_hint="--printer")
 
 
-def load_predicted_design(file: Path) -> Design:
+def load_design_for_prediction(file: Path) -> Design:
     """Read the design of a robot whose motion the command predicts. Warns where its parts are not the kit's:
     predictions know no others."""
     from eldir.design import Design

@@ -52,7 +52,7 @@ MODULES = [
     "eldir_hardware.run.room", "eldir_hardware.run.virtual_runs",
     "eldir_hardware.guardian.bank", "eldir_hardware.guardian.client", "eldir_hardware.guardian.measured_heat",
     "eldir_hardware.guardian.measured_power",
-    "eldir_hardware.guardian.pulse_controller", "eldir_hardware.guardian.stop_reset",
+    "eldir_hardware.guardian.pulse_controller", "eldir_hardware.guardian.off_proof",
     "eldir_hardware.relay.board",
     "eldir_hardware.relay.registration", "eldir_hardware.relay.a0", "eldir_hardware.relay.errors",
     "eldir_hardware.relay.feedback", "eldir_hardware.relay.gd32", "eldir_hardware.relay.lcus",

@@ -10,10 +10,10 @@ import os
 from contextlib import suppress
 
 VIRTUAL_BENCH = 1
-"""What else the process of an emulated board does, such as drawing pictures: it must not keep Python's lock
-while other programs run, and must not come before what commands heat."""
+"""All else in the process of an emulated board, such as drawing pictures. Above other programs, because it
+may hold Python's lock, for which the board waits; below the programs that command heat."""
 COMMANDS = 2
-"""ROS programs that command a guardian."""
+"""ROS programs that command a guardian, and `eldir rig off`."""
 GUARDIAN = 3
 EMULATED_HARDWARE = 4
 
@@ -24,6 +24,6 @@ def request_realtime_priority(level: int) -> None:
     The superuser is permitted all, another user those up to the limit `rtprio`.
     """
     for permitted in range(level, 0, -1):
-        with suppress(OSError):
+        with suppress(OSError, AttributeError):  # the latter where the system knows no such priority
             os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(permitted))
             return

@@ -1,11 +1,13 @@
 """Real-time priority: the highest level that is permitted, for a thread and what it starts later."""
 
 import os
+import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
+from eldir_app import emergency_stop, main
 from eldir_hardware.clock import VirtualClock, WallClock
 from eldir_hardware.realtime import (
     COMMANDS,
@@ -73,6 +75,15 @@ def test_what_a_thread_starts_has_its_priority():
     thread.join()
     assert found == [policy_that_is_permitted(COMMANDS)] * 2
     assert policy() == before, "the thread that started it is no faster"
+
+
+def test_a_stop_has_the_priority_of_what_commands_heat(monkeypatch):
+    """What draws pictures in `virtual_bench` has the lowest one."""
+    monkeypatch.setattr(emergency_stop, "run_quickly", lambda arguments: policy())
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    with ThreadPoolExecutor(1) as thread:
+        found = thread.submit(main._run_emergency_stop, ["rig", "off"]).result()
+    assert found == policy_that_is_permitted(COMMANDS)
 
 
 @pytest.mark.parametrize("clock", [WallClock, VirtualClock])

@@ -186,9 +186,9 @@ def test_a_contact_that_stays_closed_is_told(board):
 @pytest.mark.parametrize("change", [{"rig": None}, {"stopped": "pressed"}, {"text": "{}"}])
 def test_a_board_that_reports_nothing_is_not_said_to_be_off(board, change):
     """Also where an older report is still waiting to be read, as for a goal that waited for another one."""
-    time.sleep(0.1)
+    assert wait(lambda: not board.bank._reports.empty())
     board.dead = True
-    time.sleep(0.1)
+    time.sleep(0.1)  # a report that is on its way
     result, _ = play(board, **change)
     assert (result.outcome, result.all_off) == (runs.REFUSED, False)
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eldir_app.options import DesignFile, RigFile, load_predicted_design
+from eldir_app.options import DesignFile, RigFile, load_design_for_prediction
 
 if TYPE_CHECKING:
     from eldir_calibration.adaptation.runs import Adaptation, AdaptationRun, SupplyAdvice
@@ -54,7 +54,7 @@ def adapt(
     from eldir_hardware.safety.limits import check_rig, check_room
 
     _require_own_folder(out)
-    load_predicted_design(design)
+    load_design_for_prediction(design)
     rig = Rig.load(rig_file)
     check_rig(rig)
     check_room(rig, room)

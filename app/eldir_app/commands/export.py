@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from eldir_app.options import DesignFile, PartsFile, Printer, check_printer, load_predicted_design
+from eldir_app.options import DesignFile, PartsFile, Printer, check_printer, load_design_for_prediction
 from eldir_cad.kit import PRINTER
 
 
@@ -55,7 +55,8 @@ def export(
         raise typer.BadParameter(f"expected a file that ends in .xml; found {out.name!r}", param_hint="--out")
     require_new(out)
     check_printer(printer)
-    robot = Design.load(design) if parts is not None else load_predicted_design(design)
+    # With --parts the model has these parts: nothing to warn of.
+    robot = Design.load(design) if parts is not None else load_design_for_prediction(design)
     loaded = None if rig is None else Rig.load(rig)
     springs, shares = None, None
     if loaded is not None:

@@ -9,7 +9,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eldir_app.options import DesignFile, SceneFile, ScheduleOutput, ScheduleRigFile, load_predicted_design
+from eldir_app.options import (
+    DesignFile,
+    SceneFile,
+    ScheduleOutput,
+    ScheduleRigFile,
+    load_design_for_prediction,
+)
 
 if TYPE_CHECKING:
     from eldir.built.gait import Gait
@@ -60,7 +66,7 @@ def gait(
 
     require_ending("--picture", picture, ".png")
     require_new(out, picture)
-    robot, loaded = load_predicted_design(design), Rig.load(rig)
+    robot, loaded = load_design_for_prediction(design), Rig.load(rig)
     identified = None if scene is None else PrintedScene.load(scene)
     design_file = os.path.relpath(design, out.parent)
     if other_than and imitate:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eldir_app.options import load_predicted_design
+from eldir_app.options import load_design_for_prediction
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -60,7 +60,7 @@ def show(
 
     target = out if out is not None else _beside(design, ".png" if schedule is None else ".webm")
     require_folder(target)
-    read = Design.load if schedule is None else load_predicted_design
+    read = Design.load if schedule is None else load_design_for_prediction
     robot = _best(design) if design.is_dir() else read(design)
     if target.suffix == ".png":
         write_bytes(target, picture(robot))

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from eldir_app.options import load_predicted_design
+from eldir_app.options import load_design_for_prediction
 
 if TYPE_CHECKING:
     from eldir_calibration.transfer.compared_walks import TransferConfig
@@ -106,7 +106,7 @@ def _require_designs(names: list[str]) -> None:
     if len(set(names)) < len(names):
         raise InputError("the same design is given twice", expected="different files", found=", ".join(names))
     for name in names:
-        load_predicted_design(Path(name))
+        load_design_for_prediction(Path(name))
 
 
 def _compare(names: list[str], config: TransferConfig, explain: bool, engine: str) -> TransferResult:

@@ -27,11 +27,11 @@ from eldir_hardware.safety.latch import latched_error, read_stop
 from eldir_hardware.schedule import ActuationSchedule
 
 _OFF_TIMEOUT_S = 20.0  # of `eldir rig off`
-_LOADED_TIMEOUT_S = 2.0  # of the process that was loaded beforehand; then a new one is started
+_LOADED_TIMEOUT_S = 3.5  # of the loaded process, which may wait for a sensor; then a new one is started
 _MAX_PARALLEL_STOPS = 8
 _LOADED_PROGRAM = """
 import json, sys
-import eldir_app.emergency_stop
+import eldir_app.emergency_stop, eldir_hardware.guardian.measured_heat
 line = sys.stdin.readline()
 if line:
     sys.argv = ["eldir", "rig", "off", *json.loads(line)]
@@ -45,8 +45,8 @@ class StopResult(NamedTuple):
     """Result of `eldir rig off`."""
 
     proven: bool
-    """Whether every board reports all contacts open and the stop is latched, and every run in virtual time
-    has ended."""
+    """Whether every board reports all contacts open, no sensor measures current and the stop is latched, and
+    every run in virtual time has ended."""
     text: str
     seconds: float
 

@@ -118,7 +118,7 @@ class Interlock:
         } | own
 
     def record_fan(self, blows: bool, now: float) -> None:
-        """Record that a fan is known to blow from `now` on, or is not."""
+        """Record that the fan blows from `now` on, or that it may stand still."""
         if self._still_air is not self._fan_air:
             self.record_switching({}, now)
             self._model = self._fan_air if blows else self._still_air

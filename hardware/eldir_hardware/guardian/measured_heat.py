@@ -17,6 +17,7 @@ from eldir_hardware.relay.errors import NotProvenOffError
 from eldir_hardware.rig.board_identity import Port
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.devices import open_sensor
+from eldir_hardware.rig.port_holder import find_holder
 from eldir_hardware.rig.sections import SensorEntry
 from eldir_hardware.rig.supply import worst_springs
 
@@ -27,6 +28,8 @@ CURRENT_SETTLING = 0.2
 _MIN_SUPPLY_PART = 0.25  # voltages below this part of the supply's are drops along shared leads
 _MAX_VOLTAGE_FACTOR = 1.1  # a supply may be set higher than the rig file says by this factor
 _SENSOR_ENTRIES = {"format", "name", "kind", "board", "channels", "supply", "springs", "tolerances", "sensor"}
+_SENSOR_TIMEOUT = 1.5  # how long to wait for another program that measures with the same sensor [s]
+_POLL_INTERVAL = 0.005  # [s]
 _MAX_UNMEASURED = 0.6  # measurements are postponed for switchings for this time at most [s]
 
 
@@ -99,8 +102,13 @@ def require_no_current(
     rig has no sensor. Raises `CurrentFlowsError`, and `SensorError` if the sensor does not work.
     """
     clock = clock or WallClock()
+    if rig.sensor is None:
+        return None
+    device, deadline = port or rig.sensor.port, clock.now() + _SENSOR_TIMEOUT
+    while device is not None and find_holder(device) is not None and clock.now() < deadline:
+        clock.sleep_until(clock.now() + _POLL_INTERVAL)
     with open_sensor(rig, clock, port) as sensor:
-        if sensor is None or rig.sensor is None:
+        if sensor is None:
             return None
         clock.sleep_until(clock.now() + CONTACT_DELAY)
         measured = sensor.measure()

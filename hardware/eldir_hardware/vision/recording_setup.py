@@ -31,8 +31,8 @@ REPORTED_KEY = "reported_by"
 CALIBRATION_FRAMES = 10
 """Number of frames whose mean gives the plane, so that noise at the tags' corners averages out."""
 _UNCHECKED = (
-    "The reference tags are not seen in the first picture: whether the camera had moved since plane.json was "
-    "calibrated is not known from it."
+    "The first picture does not show the reference tags: whether the camera moved since plane.json was "
+    "calibrated is unknown."
 )
 
 

@@ -11,11 +11,11 @@ from pathlib import Path
 import pytest
 
 from eldir.errors import EldirError
-from eldir_app import emergency_stop
 from eldir_hardware.current_sensor import SensorError
+from eldir_hardware.guardian import measured_heat
 from eldir_hardware.guardian.client import Guardian
 from eldir_hardware.guardian.measured_heat import CurrentFlowsError
-from eldir_hardware.guardian.stop_reset import proven_open, reset_emergency_stop
+from eldir_hardware.guardian.off_proof import proven_open, reset_emergency_stop
 from eldir_hardware.rig.board_identity import Port, identify
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.devices import open_sensor
@@ -121,7 +121,7 @@ def test_off_waits_for_a_program_that_measures_with_the_sensor(tmp_path, monkeyp
                 program.close()
                 return holder
 
-            monkeypatch.setattr(emergency_stop, "find_holder", find_and_end)
+            monkeypatch.setattr(measured_heat, "find_holder", find_and_end)
             result = run("off", "--port", virtual.emulator.port)
         assert result.exit_code == 1 and "current flows in channel 2" in str(result.exception)
 

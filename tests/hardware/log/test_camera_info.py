@@ -181,7 +181,7 @@ def test_a_plane_whose_tags_are_not_seen_says_that_it_is_unchecked(track_run, tm
     files = {"tags.json": camera.board.to_json(), "plane.json": kept.to_json()}
     found = find_recorded_plane(LoggedFrames(read_log(record(tmp_path / "a.mcap", bare, files=files))))
     np.testing.assert_array_equal(found.homography, kept.homography)
-    assert found.provenance["remark"].startswith("The reference tags are not seen in the first picture")
+    assert found.provenance["remark"].startswith("The first picture does not show the reference tags")
 
 
 def test_a_calibration_that_had_expired_is_refused(track_run, tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eldir_app.options import load_predicted_design
+from eldir_app.options import load_design_for_prediction
 
 if TYPE_CHECKING:
     from eldir.built.scene import Identification, PrintedScene
@@ -67,7 +67,7 @@ def dynamics(
         if value is not None and not 0 < value < 100:
             raise typer.BadParameter(f"expected more than 0 and less than 100 {unit}", param_hint=f"--{name}")
     measured = {"weight_g": weight, "current_a": current, "voltage_v": voltage}
-    films, scene = _identify(logs, load_predicted_design(design), measured, seed, figures)
+    films, scene = _identify(logs, load_design_for_prediction(design), measured, seed, figures)
     scene.save(out)
     if scene.provenance.get(STOPPED):
         typer.echo(f"stopped: {out} has the best of the models so far; others were not tried", err=True)

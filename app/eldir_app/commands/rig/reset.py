@@ -14,7 +14,7 @@ def reset(rig_file: RigFile) -> None:
 
     Example: eldir rig reset --rig rig.yaml
     """
-    from eldir_hardware.guardian.stop_reset import reset_emergency_stop
+    from eldir_hardware.guardian.off_proof import reset_emergency_stop
 
     rig, _ = load_real_rig(rig_file)
     measured = reset_emergency_stop(rig)

@@ -21,8 +21,7 @@ from std_srvs.srv import Trigger
 from eldir.errors import EldirError
 from eldir_hardware.guardian.bank import BOARD_PROOF, Commander, Report
 from eldir_hardware.guardian.client import Guardian
-from eldir_hardware.guardian.measured_heat import CurrentFlowsError, require_no_current
-from eldir_hardware.guardian.stop_reset import proven_open, reset_emergency_stop
+from eldir_hardware.guardian.off_proof import prove_off, proven_open, reset_emergency_stop
 from eldir_hardware.realtime import COMMANDS, request_realtime_priority
 from eldir_hardware.relay.errors import NotProvenOffError
 from eldir_hardware.rig.board_identity import Port
@@ -47,6 +46,8 @@ class RelayBoardNode(RigNode):
         self._guardian: Guardian | None = None
         self._board: Port | None = None
         """The board that was opened last, whatever its port or the rig file names now."""
+        self._open_rig: Rig
+        """The rig of that board, as its file was then."""
         self._opened = ExitStack()
         self._armed = False
         self._commander = Commander()
@@ -202,14 +203,15 @@ class RelayBoardNode(RigNode):
         While a guardian holds the board the rig file is not read: it may be damaged or gone.
         """
         rig, board = self._find_board()
+        guardian, proof = self._guardian, None
         try:
-            if self._guardian is not None:
+            if guardian is not None:
                 self._end(why)
-                proof = BOARD_PROOF
-            else:
-                proof = _prove_off(rig or self._rig()[0], board)
+                proof = guardian.proof
+            if proof is None:  # no guardian, or one that ended before it was armed
+                proof = prove_off(rig or self._rig()[0], board)
         finally:
-            problem = latch(board, why)
+            problem = latch(board, why, opened=proof is not None)
             self._publish_stop_state(why, board)
         if problem:
             raise EldirError(f"{proof}, but the stop is not latched: {problem}")
@@ -287,16 +289,14 @@ class RelayBoardNode(RigNode):
     def _find_board(self) -> tuple[Rig | None, Port]:
         """Rig and board of the guardian; without one those of the rig file, or if that cannot be read those
         that were opened last, or the port of the parameter alone."""
-        last: tuple[Rig | None, Port] = None, get_text(self, "port")
-        if self._board is not None:
-            last = self._open_rig, self._board
         if self._guardian is None:
-            try:
+            with suppress(EldirError):
                 return self._rig()
-            except EldirError:
-                if not last[1]:
-                    raise
-        return last
+        if self._board is not None:
+            return self._open_rig, self._board
+        if port := get_text(self, "port"):
+            return None, port
+        return self._rig()  # raises why it cannot be read
 
     def _rig(self) -> tuple[Rig, str]:
         path = get_file(self, "rig")
@@ -313,18 +313,6 @@ class RelayBoardNode(RigNode):
         if self._guardian is None:
             raise EldirError("the relay board is not open", remedy="configure the node first")
         return self._guardian
-
-
-def _prove_off(rig: Rig, board: Port) -> str:
-    """Open every contact of a board that no guardian holds; returns what the board and the sensor show."""
-    with proven_open(rig, board) as (_, sensor):
-        try:
-            measured = require_no_current(rig, sensor)
-        except CurrentFlowsError:
-            raise
-        except EldirError as error:  # a stop does not need the sensor; its reset does
-            measured = f"no current was measured: {error}"
-    return f"{BOARD_PROOF}; {measured}" if measured else BOARD_PROOF
 
 
 def main() -> None:

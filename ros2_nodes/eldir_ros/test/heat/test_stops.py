@@ -112,6 +112,9 @@ def test_stop_and_reset_measure_where_there_is_a_sensor(tmp_path):
         answer = graph.call("reset_emergency_stop")
         assert answer.success and "the sensor shows no current in channels 1 to 4" in answer.message
         wait_until(lambda: not graph.stops[-1].stopped, 5)
+        assert graph.configure("relay_board") and graph.activate("relay_board"), graph.said("relay_board")
+        answer = graph.call("emergency_stop")
+        assert answer.success and "current" in answer.message, "the guardian measured"
 
 
 def test_a_node_whose_contact_stays_closed_is_not_deactivated_in_order(tmp_path):

@@ -1,11 +1,13 @@
-"""Every contact open outside a run, and the end of an emergency stop: what board and sensor must show."""
+"""Proof outside a run that every contact is open, and the reset of an emergency stop."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from eldir_hardware.guardian.measured_heat import require_no_current
+from eldir.errors import EldirError
+from eldir_hardware.guardian.bank import BOARD_PROOF
+from eldir_hardware.guardian.measured_heat import CurrentFlowsError, require_no_current
 from eldir_hardware.rig.board_identity import BoardIdentity, Port, identify_open
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.devices import open_board
@@ -27,6 +29,22 @@ def proven_open(rig: Rig, port: Port | None = None) -> Iterator[tuple[BoardIdent
         device = identify_open(board.file_descriptor, str(url))
         records = require_proven_open(device)
         yield device, next((record.sensor for record in records if record.sensor), None)
+
+
+def prove_off(rig: Rig, port: Port | None = None) -> str:
+    """Open every contact of a board that no guardian holds; returns what the board and the sensor show.
+
+    A stop does not need the sensor, its reset does. Raises `CurrentFlowsError`, and `EldirError` as
+    `proven_open`.
+    """
+    with proven_open(rig, port) as (_, sensor):
+        try:
+            measured = require_no_current(rig, sensor)
+        except CurrentFlowsError:
+            raise
+        except EldirError as error:
+            measured = f"no current was measured: {error}"
+    return f"{BOARD_PROOF}; {measured}" if measured else BOARD_PROOF
 
 
 def reset_emergency_stop(rig: Rig, port: Port | None = None) -> str | None:
