@@ -117,7 +117,7 @@ def prepare_report(
         tracked=film.motion,
         heating=_heating(main),
         overlay=draw_overlay(film.frame, film.plane, film.motion.trajectory, ground),
-        remarks=_remarks(runs, tracked, filmed[0], has_ground=ground is not None),
+        remarks=_remarks(runs, tracked, filmed, scene, has_ground=ground is not None),
         provenance=_provenance(runs, film.plane, scene),
         runs=filmed,
         others=compare_with_others(own, film.motion, predictions.others),
@@ -145,10 +145,15 @@ def _open_filmed_runs(paths: Sequence[Path], design: Design) -> list[LoggedRun]:
 
 
 def _remarks(
-    runs: Sequence[LoggedRun], tracked: Sequence[TrackedRun], first: FilmedRun, has_ground: bool
+    runs: Sequence[LoggedRun],
+    tracked: Sequence[TrackedRun],
+    filmed: Sequence[FilmedRun],
+    scene: PrintedScene | None,
+    has_ground: bool,
 ) -> tuple[str, ...]:
-    """Remarks on the schedule, the tracking, incomplete logs and the plane of motion."""
-    main = runs[0]
+    """Remarks on the schedule, the tracking, incomplete logs, the plane of motion, and films behind the first
+    that the scene was identified from; the verdict tells it of the first."""
+    main, first = runs[0], filmed[0]
     remarks = [*_schedule_remarks(main.schedule)]
     for run, one in zip(runs, tracked, strict=True):
         about_robot = describe_lost_cycles(one.loss), describe_departure(one.departure)
@@ -168,6 +173,11 @@ def _remarks(
         f"The walk in {run.log.path.name} is not possible in reality: {run.impossible_motion}."
         for run in runs
         if run.impossible_motion
+    ]
+    remarks += [
+        f"{run.log}: {reason[0].upper()}{reason[1:]}."
+        for run in filmed[1:]
+        if scene is not None and (reason := _describe_fit(scene, run))
     ]
     if main.design.parts_remark:
         remarks.append(main.design.parts_remark)

@@ -181,6 +181,8 @@ class DriftMonitor:
         self._next_check = -np.inf
         self.max_shift = math.nan
         """Greatest median shift of the tags so far [px]; NaN until three of them were seen in a frame."""
+        self.seen_at = math.nan
+        """Time of the last check that saw three of them [s]; NaN until then."""
 
     def check(self, image: Image, t: float) -> None:
         """Check a frame taken at t [s], every other second. Raises `InputError` if the camera has moved."""
@@ -192,6 +194,7 @@ class DriftMonitor:
             shifts = self._shifts(locate_tags(image, self._board))
         if len(shifts) < _MIN_SHIFTS:
             return
+        self.seen_at = t
         shift = float(np.median(shifts))
         self.max_shift = float(np.fmax(self.max_shift, shift))
         if shift > MAX_DRIFT:

@@ -37,7 +37,7 @@ _LABEL_SIZE = (18.0, 10.0)  # room of a marker's name on the overlay [px]
 _MIN_BRIGHTNESS = 100  # of the brightest pixel [grey levels]
 _MIN_COLOUR_RANGE = 12  # largest difference of a pixel's colours [grey levels]
 _COARSE_ROWS = 24  # only every n-th row is compared first; this distinguishes most pictures
-_UNWATCHED = "The reference tags were not seen: whether the camera moved is unknown."
+_MAX_UNSEEN_TAGS = 10.0  # the robot or a person may hide them at the end of a film for so long [s]
 FIRST_PICTURE_KEY = "first_picture_ns"
 """Name in a plane's provenance: stamp of the first picture that it was calibrated from [ns]."""
 _MAX_TRAIL = 600  # the overlay shows at most so many positions of each marker
@@ -90,18 +90,31 @@ def track_frames(
     if not tracker.acquired:
         raise _undetected_error(tracker, len(times), last_frame)
     motion = Trajectory(names, np.array(times), np.array(positions)).bridge()
-    shift = math.nan if drift is None else drift.max_shift
-    unwatched = drift is not None and math.isnan(shift)
+    unseen = () if drift is None else _describe_unseen_tags(drift.seen_at, times[-1])
     quality = TrackingQuality.of(
         motion,
         np.array(sizes),
         tracker.relative_size_error,
         duplicates.times,
         duplicates.pictures,
-        shift,
-        (*tracker.notes, _UNWATCHED) if unwatched else tuple(tracker.notes),
+        math.nan if drift is None else drift.max_shift,
+        (*tracker.notes, *unseen),
     )
     return TrackingResult(motion, quality, last_frame, np.array(sizes))
+
+
+def _describe_unseen_tags(seen_at: float, end: float) -> tuple[str, ...]:
+    """What the reference tags do not tell of a film that ends at `end` [s]; `seen_at`: NaN if never.
+
+    Tags that are seen again where they were show that the camera did not move in between.
+    """
+    if math.isnan(seen_at):
+        return ("The reference tags were not seen: whether the camera moved is unknown.",)
+    if end - seen_at <= _MAX_UNSEEN_TAGS:
+        return ()
+    return (
+        f"The reference tags were not seen after {seen_at:.0f} s: whether the camera moved then is unknown.",
+    )
 
 
 def _undetected_error(tracker: MarkerTracker[Any], frames: int, last_frame: Image) -> InputError:

@@ -40,9 +40,11 @@ def film(*notes: str, drift: float = 0.1, **plane: str) -> TrackedRun:
     return TrackedRun(motion, quality, replace(PLANE, provenance=plane), np.zeros((2, 2, 3), np.uint8))
 
 
-def remarks(names: tuple[str, ...], films: tuple[TrackedRun, ...]) -> tuple[str, ...]:
-    first = FilmedRun(names[0], INTACT, "", films[0].motion, walker())
-    return _remarks([run(name) for name in names], films, first, has_ground=False)
+def remarks(
+    names: tuple[str, ...], films: tuple[TrackedRun, ...], scene: PrintedScene | None = None
+) -> tuple[str, ...]:
+    filmed = [FilmedRun(n, INTACT, "", f.motion, walker()) for n, f in zip(names, films, strict=True)]
+    return _remarks([run(name) for name in names], films, filmed, scene, has_ground=False)
 
 
 def test_every_film_has_its_remarks_under_its_name() -> None:
@@ -70,6 +72,14 @@ def test_a_film_that_a_scene_was_identified_from_does_not_test_it() -> None:
     assert _describe_fit(older, fitted).startswith("a film of this name was used")
     assert _describe_fit(older, replace(fitted, log="new.mcap")) == ""
     assert _describe_fit(scene, fitted) == ""
+
+
+def test_every_film_that_a_scene_was_identified_from_is_named() -> None:
+    """The first one in the verdict, all others in remarks."""
+    scene = replace(PrintedScene.of(SOFT, ("friction",), 0.01 * np.eye(1)), provenance={"logs": ["b.mcap"]})
+    told = "b.mcap: A film of this name was used for the identification, so this may be no test."
+    assert remarks(("a.mcap", "b.mcap"), (film(), film()), scene) == (told,)
+    assert remarks(("b.mcap", "a.mcap"), (film(), film()), scene) == ()
 
 
 def test_a_report_names_the_scene(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from functools import partial
@@ -208,6 +209,23 @@ def test_tags_that_were_never_seen_tell_no_drift(filmed: Filmed) -> None:
     later = [*bare[:25], *frames[25:50]]  # from 2.5 s on they are seen
     quality = track_frames(later, plane, layout=BODY[MARKED]).quality
     assert 0 <= quality.camera_drift_px < 0.2 and remark not in quality.remarks(NAMES)
+
+
+def test_tags_that_are_seen_no_more_are_told(filmed: Filmed) -> None:
+    """What they showed before says nothing about the time after; hidden for a while they say enough."""
+    camera, frames, plane = filmed
+    slower = [(4 * t, image) for t, image in frames]
+    hidden = [(t, without_tags(image, camera)) for t, image in slower]
+    half = len(frames) // 2
+    seen = [t for t, _ in slower[:half]]
+    quality = track_frames([*slower[:half], *hidden[half:]], plane, layout=BODY[MARKED]).quality
+    (remark,) = [r for r in quality.remarks(NAMES) if "reference tags" in r]
+    assert remark.endswith(": whether the camera moved then is unknown.")
+    (told,) = re.findall(r"after (\d+) s", remark)
+    assert seen[-1] - 2.5 <= float(told) <= seen[-1] + 0.5
+    hidden_for_a_while = [*slower[: half // 2], *hidden[half // 2 : half], *slower[half:]]
+    quality = track_frames(hidden_for_a_while, plane, layout=BODY[MARKED]).quality
+    assert not any("reference tags" in r for r in quality.remarks(NAMES))
 
 
 def test_motion_out_of_the_plane_shows_in_the_size(filmed: Filmed, monkeypatch: pytest.MonkeyPatch) -> None:
