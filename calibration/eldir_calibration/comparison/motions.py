@@ -151,8 +151,8 @@ def _remarks(
     scene: PrintedScene | None,
     has_ground: bool,
 ) -> tuple[str, ...]:
-    """Remarks on the schedule, the tracking, incomplete logs, the plane of motion, and films behind the first
-    that the scene was identified from; the verdict tells it of the first."""
+    """Remarks on the schedule, the tracking, incomplete logs and the plane of motion, and which further films
+    the scene was identified from; of the first film the verdict says it."""
     main, first = runs[0], filmed[0]
     remarks = [*_schedule_remarks(main.schedule)]
     for run, one in zip(runs, tracked, strict=True):

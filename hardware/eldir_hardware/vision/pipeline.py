@@ -37,7 +37,7 @@ _LABEL_SIZE = (18.0, 10.0)  # room of a marker's name on the overlay [px]
 _MIN_BRIGHTNESS = 100  # of the brightest pixel [grey levels]
 _MIN_COLOUR_RANGE = 12  # largest difference of a pixel's colours [grey levels]
 _COARSE_ROWS = 24  # only every n-th row is compared first; this distinguishes most pictures
-_MAX_UNSEEN_TAGS = 10.0  # the robot or a person may hide them at the end of a film for so long [s]
+_MAX_UNSEEN_TAGS = 10.0  # something may hide them for so long at the end of a film [s]
 FIRST_PICTURE_KEY = "first_picture_ns"
 """Name in a plane's provenance: stamp of the first picture that it was calibrated from [ns]."""
 _MAX_TRAIL = 600  # the overlay shows at most so many positions of each marker
@@ -106,14 +106,14 @@ def track_frames(
 def _describe_unseen_tags(seen_at: float, end: float) -> tuple[str, ...]:
     """What the reference tags do not tell of a film that ends at `end` [s]; `seen_at`: NaN if never.
 
-    Tags that are seen again where they were show that the camera did not move in between.
+    If the tags are later seen in their old places, the camera has not moved in between.
     """
     if math.isnan(seen_at):
         return ("The reference tags were not seen: whether the camera moved is unknown.",)
     if end - seen_at <= _MAX_UNSEEN_TAGS:
         return ()
     return (
-        f"The reference tags were not seen after {seen_at:.0f} s: whether the camera moved then is unknown.",
+        f"The reference tags were last seen at {seen_at:.0f} s: whether the camera moved later is unknown.",
     )
 
 

@@ -220,8 +220,8 @@ def test_tags_that_are_seen_no_more_are_told(filmed: Filmed) -> None:
     seen = [t for t, _ in slower[:half]]
     quality = track_frames([*slower[:half], *hidden[half:]], plane, layout=BODY[MARKED]).quality
     (remark,) = [r for r in quality.remarks(NAMES) if "reference tags" in r]
-    assert remark.endswith(": whether the camera moved then is unknown.")
-    (told,) = re.findall(r"after (\d+) s", remark)
+    assert remark.endswith(": whether the camera moved later is unknown.")
+    (told,) = re.findall(r"last seen at (\d+) s", remark)
     assert seen[-1] - 2.5 <= float(told) <= seen[-1] + 0.5
     hidden_for_a_while = [*slower[: half // 2], *hidden[half // 2 : half], *slower[half:]]
     quality = track_frames(hidden_for_a_while, plane, layout=BODY[MARKED]).quality
