@@ -24,6 +24,7 @@ from benchmarks.hidden_robot import Rows
 from eldir.core.records import FloatArray
 from eldir.errors import InputError
 from eldir_cad.multibody.biplane import with_lateral_rotation
+from eldir_hardware.rig.template import CURRENT_LIMIT_A
 from eldir_hardware.run import drive
 from eldir_hardware.schedule import ActuationSchedule
 from eldir_hardware.virtual import bodies
@@ -208,6 +209,8 @@ def _describe(row: dict[str, Any]) -> str:
         + (f"{r['filmed']:+.2f}" if r["upright"] else "falls")
         for r in row["runs"]
     )
+    if row["current_a"] != CURRENT_LIMIT_A:
+        runs += f"; in the end at {row['current_a']:g} A"
     return f"{where} {runs} | {row['last']:+.2f} | {row['best_of_all_phases']:+.2f} |"
 
 

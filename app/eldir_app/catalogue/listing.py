@@ -13,9 +13,9 @@ from eldir.core.pictures import page_templates
 from eldir.core.version import __version__
 from eldir_app.catalogue import Column
 from eldir_app.catalogue.runs import CataloguedRun
+from eldir_hardware.log.messages import PLAYED_TO_END
 
 HEADER = ("log", "recorded", "rig", "robot", "gait", "predicted", "filmed", "verdict", "ended", "tags")
-_COMPLETE = "played to the end"  # status of the player
 _Key = Callable[[CataloguedRun], str | float | None]
 COLUMNS: dict[Column, _Key] = {
     "recorded": lambda r: r.recorded or None,
@@ -44,7 +44,7 @@ def cells(run: CataloguedRun) -> tuple[str, ...]:
 
 def ending(run: CataloguedRun) -> str:
     """How the run ended, and what is damaged in its log."""
-    last = "to the end" if run.ended == _COMPLETE else run.ended or "unknown"
+    last = "to the end" if run.ended == PLAYED_TO_END else run.ended or "unknown"
     # The last status of the player is often the fault itself.
     others = [fault for fault in run.faults if not fault.endswith(run.ended) or not run.ended]
     last = f"rehearsal: {last}" if run.rehearsal else last

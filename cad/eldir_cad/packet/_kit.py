@@ -35,10 +35,14 @@ TEST_CURRENT = 0.3
 _MAX_DIFFERENCE = 0.02  # between the current limits of a motor's outputs, docs/reference/packet.md
 _JOINT = 10e-3  # resistance of a good crimp [Ohm]
 _FREE_WIRE = 5.0  # between spring end and ferrule [mm]
+_FIND_COILS = "eldir rig doctor --rig rig.yaml --wiring --design design.json"
+_MAX_LENGTH_DIFFERENCE = 2.0  # of a motor's hot coils [mm], docs/reference/second-physics-measured.md
 _LIST = ((0.08, 22), (0.26, 84), (0.88, 8))
 _PRICED_LIST = ((0.08, 22), (0.26, 68), (0.77, 8), (0.84, 14))
 _CHECKS = ((0.08, 26), (0.28, 56), (0.68, 38))
-_RECORD = ((0.08, 10), (0.16, 14), (0.28, 12), (0.41, 12), (0.54, 12), (0.67, 12), (0.80, 12))
+_RECORD = (
+    (0.08, 10), (0.15, 14), (0.24, 10), (0.34, 10), (0.44, 10), (0.54, 12), (0.64, 12), (0.75, 10), (0.85, 10)
+)  # fmt: skip
 
 
 def draw_kit(c: Content, connections: Wiring, lead_mm: int, prices: Prices | None = None) -> list[Figure]:
@@ -285,14 +289,15 @@ def _draw_bench_work(circuit: Circuit) -> list[Figure]:
         "Connect the relay board to the computer. Supply switched off: write the rig file with eldir rig "
         "setup --out rig.yaml; what is not measured yet is `unknown`. Then eldir rig doctor --rig rig.yaml "
         "--packet packet: the lines port, board and wiring must say ok",
-        "Measure the coils (next page). The two most alike belong to the same motor",
+        "Measure the resistance of the coils (next page)",
+        "Write resistance, voltage, current limit and leads into the rig file, and cutoff and fan, which "
+        "you have tested",
+        "Hang the coils in the fan's air and measure how long they become (next page), one hand at the main "
+        "switch. The two most alike belong to the same motor",
         "Build the robot by assembly.pdf. Join coils and leads; measure each joint",
         "Connect the leads to the terminals X by wiring.csv. Measure channels and isolation with the relays "
         "open",
-        "Write resistance, voltage, current limit and leads into the rig file, and cutoff and fan, which "
-        "you have tested",
-        "Fan on, supply on: eldir rig doctor --rig rig.yaml --wiring --design design.json. The coil that it "
-        "names must become warm, and no other",
+        f"Fan on, supply on: {_FIND_COILS}. The coil that it names must become warm, and no other",
         "Play a schedule with the heating supply switched off; then with heat, one hand at the main switch",
     ]
     page = Page("Order of work on the bench")
@@ -315,15 +320,29 @@ def _draw_measurements(connections: Wiring, own: Sequence[Circuit], lead_mm: int
             f"from it by more than {tolerance:.0%} is not used.",
         ]
     )
+    page.heading("Which coils belong to the same motor")
+    page.list(
+        [
+            "Where the two coils of a motor differ in length when they are hot, the robot turns and walks "
+            "less. Measure them before you build; buy four more than the robot has, to choose from.",
+            "Clamp the coils to their leads and hang them loose in the air of the fan, all at one height. "
+            f"Let {_FIND_COILS} find them, then play the robot's schedule with eldir rig drive; key f ends "
+            "it after one cycle.",
+            "Measure each coil of channel 1 cold and at the end of its pulse, to 0.5 mm, in photographs "
+            "beside a ruler. Exchange it for the next one until all were heated by channel 1.",
+            "Mark the coils on squared paper, the cold length to the right and the hot one upwards. Those "
+            f"nearest to each other belong to a motor; not more than {_MAX_LENGTH_DIFFERENCE:g} mm apart.",
+        ]
+    )
     page.heading("What the meter must read")
     page.rows(_readings(own, lead_mm), _CHECKS)
     page.heading("Record")
-    rows = [("channel", "coil", "coil [mV]", "joints [mV]", "channel [mV]", "timer [s]", "limit [A]")]
+    measured = ["coil [mV]", "cold [mm]", "hot [mm]", "joints [mV]", "channel [mV]", "timer [s]", "limit [A]"]
+    rows = [("channel", "coil", *measured)]
     for connection in connections:
         for face in connection.faces:
-            blank = "_" * 11
             name = f"S{connection.spring} {face}"
-            rows.append((str(connection.channel), name, blank, blank, blank, blank, blank))
+            rows.append((str(connection.channel), name, *["_" * 9] * len(measured)))
     page.rows(rows, _RECORD)
     page.list(["Air: _______ C     isolation: _______ MOhm     interlock: _______     main switch: _______"])
     return page.figures

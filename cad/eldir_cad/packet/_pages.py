@@ -241,6 +241,8 @@ def draw_order_of_work(c: Content, connections: Wiring, picture: bytes) -> list[
     """From parts to a wired robot, beside the assembly map. `picture`: the assembled robot, as PNG."""
     discs = ", ".join(f"m{i + 1} on mass {mass}" for i, mass in enumerate(c.assembly.marks))
     steps = [
+        "Measure every coil as kit.pdf says, and choose the two of each motor; write the resistances into "
+        "wiring.csv and into the rig file",
         "Lay out the front masses (one line under the number), floors down and sockets up. You look at them "
         "from inside, so they lie as in the drawing of the back face",
         "Press every passive spring into its two sockets, from above, until it sits on the floor",
@@ -251,8 +253,6 @@ def draw_order_of_work(c: Content, connections: Wiring, picture: bytes) -> list[
         "Build the back plane in the same way (two lines under the number; drawing of the front face). Press "
         "it on the connectors; glue the pegs with a drop of resin and cure it",
         f"Cut the markers out of markers.pdf (or eldir markers); stick them on the front face: {discs}",
-        "Measure the resistance of every coil as kit.pdf says; write it into wiring.csv and into the rig "
-        "file",
     ]
     if is_in_series(connections):
         steps.append(

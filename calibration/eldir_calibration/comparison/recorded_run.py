@@ -24,12 +24,12 @@ from eldir_calibration.comparison.meters import read_meters
 from eldir_calibration.report.comparison import Motion, max_missing_time
 from eldir_calibration.report.controls import INTACT
 from eldir_hardware.log.mcap_file import find_log, fingerprint
-from eldir_hardware.log.messages import MOVED_BY, VIRTUAL_RIG
+from eldir_hardware.log.messages import MOVED_BY, PLAYED_TO_END, VIRTUAL_RIG
 from eldir_hardware.log.reader import RunLog, read_attachment, read_log
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.schedule import ActuationSchedule
 
-_COMPLETE, _PAUSED = "played to the end", "paused"  # messages of the player; the second one begins with it
+_PAUSED = "paused"  # a message of the player begins with it
 _ROOM_ERROR = 1.0
 """How far the air may be from what was measured before the run, two standard deviations [C]: a thermometer is
 right to half a degree, and a room changes."""
@@ -224,7 +224,7 @@ class LoggedRun(RecordedRun):
     def is_incomplete(self) -> bool:
         """Whether its player says that it was paused, or did not play to the end."""
         messages = self._player_messages
-        return self.paused_s is not None or (bool(messages) and messages[-1][1] != _COMPLETE)
+        return self.paused_s is not None or (bool(messages) and messages[-1][1] != PLAYED_TO_END)
 
     @property
     def ending(self) -> str:

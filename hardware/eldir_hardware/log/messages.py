@@ -47,6 +47,8 @@ STATUS = "/diagnostics"
 VIRTUAL_RIG, MOVED_BY = "virtual rig", "moved by "
 """Name of a virtual rig's statuses. One names the physics, and begins with `MOVED_BY`; the others say what a
 printed robot cannot do."""
+PLAYED_TO_END = "played to the end"
+"""Last message of a player whose schedule was played whole."""
 CLOSED, CURRENT, VOLTAGE = "closed", "current", "voltage"
 """Interfaces in the messages of `RELAYS` (1 is closed), `CURRENTS` [A] and `VOLTAGES` [V]."""
 

@@ -12,6 +12,7 @@ from typing import NamedTuple, Protocol
 
 from eldir_hardware.clock import Clock
 from eldir_hardware.guardian.bank import LEAD, HeaterBank, Report
+from eldir_hardware.log.messages import PLAYED_TO_END
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.safety import limits
 from eldir_hardware.safety.stop_signals import StoppedError, StopSignals
@@ -51,7 +52,7 @@ class RunResult:
     """Longest delay of a switching [s]."""
     duration_s: float
     """Duration of the run [s]."""
-    ended: str = "played to the end"
+    ended: str = PLAYED_TO_END
     """How it ended, in words."""
     impossible_motion: str = ""
     """What the robot of a virtual rig did that a printed one cannot do; empty where nothing was seen."""
@@ -141,7 +142,7 @@ class Player:
     @property
     def _ended(self) -> str:
         if self._cycles_played == self._cycles:
-            return "played to the end"
+            return PLAYED_TO_END
         return f"finished after {self._cycles_played} of {self._cycles} cycles"
 
     def _play_cycles(self) -> None:

@@ -1,6 +1,7 @@
 """The table of robots out of their plane in docs/reference/second-physics-measured.md:
 `python -m tests.calibration.transfer.biplane_table DESIGN`; with a number behind it, of as many rigs whose
-outputs' currents are drawn: of one output for each face, or with `series` behind that, for each motor.
+outputs' currents are drawn: of one output for each face, or with `series` behind that, for each motor; with
+`matched` the springs of a motor are chosen in pairs.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ import sys
 import time
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import chain, combinations
 
 import numpy as np
 
@@ -37,6 +39,8 @@ from eldir_hardware.virtual.biplane_body import sample_biplane
 CYCLES, SEEDS = 2, range(1, 7)
 OUTPUT_CURRENT = 0.03
 """Standard deviation of an output's current from that of its rig."""
+SPARES, RULER = 4, 0.5e-3
+"""Springs more than a robot has, from which pairs are chosen; standard deviation of a measured length [m]."""
 SPRINGS = make_workshop().springs
 MILLIMETRE = np.arctan(1 / 49.6)
 """Rotation of a strip whose ends are 1 mm beside each other [rad]."""
@@ -82,12 +86,15 @@ def cases(design: Design, gait: Gait) -> Iterator[tuple[str, Biplane, FreeLength
 
 
 def drawn_cases(
-    design: Design, gait: Gait, rigs: int, *, in_series: bool
+    design: Design, gait: Gait, rigs: int, *, in_series: bool, matched: bool
 ) -> Iterator[tuple[str, Biplane, FreeLengths]]:
     """Rigs whose springs, parts and outputs' currents are drawn. `in_series`: one output for both springs of
-    a motor, otherwise for all of a face."""
+    a motor, otherwise for all of a face. `matched`: springs are chosen in pairs."""
     for seed in range(101, 101 + rigs):
-        own = sample_face_springs(len(gait.phase), seed, RigTolerances().perturb_by_seed(SPRINGS, seed))
+        on_rig = RigTolerances().perturb_by_seed(SPRINGS, seed)
+        own = sample_face_springs(len(gait.phase), seed, on_rig)
+        if matched:
+            own = choose_pairs(gait, on_rig, own, seed)
         outputs = len(gait.phase) if in_series else 2
         by = 1 + OUTPUT_CURRENT * np.random.default_rng([seed, 9]).standard_normal(outputs)
         currents = np.repeat(by, 2) if in_series else np.tile(by, len(gait.phase))
@@ -97,13 +104,39 @@ def drawn_cases(
         yield f"drawn {seed}", sample_biplane(design.morphology, seed), heat_faces(gait, heated, CYCLES)
 
 
+def choose_pairs(
+    gait: Gait, on_rig: SpringParameters, drawn: list[SpringParameters], seed: int
+) -> list[SpringParameters]:
+    """The springs of a robot, in pairs of about the same length, cold and at the end of a pulse. They are
+    chosen from those `drawn` and `SPARES` others, measured at one place of the bench. In the robot the air
+    cools them as it cools those drawn: that is a matter of the place."""
+    spares, ruler = np.random.default_rng([seed, 77]), np.random.default_rng([seed, 78])
+    pool = drawn + [RigTolerances().perturb_one(on_rig, spares) for _ in range(SPARES)]
+    hot = [faces(gait, s, s).lengths[:, 0].max() for s in (cooled_as(s, on_rig) for s in pool)]
+    measured = np.stack([hot, [s.cold_length for s in pool]], axis=1)
+    measured += RULER * ruler.standard_normal(measured.shape)
+    motors = len(gait.phase)
+    choices = combinations(combinations(range(len(pool)), 2), motors)
+    pairs = min(
+        (choice for choice in choices if len(set(chain(*choice))) == 2 * motors),
+        key=lambda choice: sum(((measured[a] - measured[b]) ** 2).sum() for a, b in choice),
+    )
+    return [cooled_as(pool[k], place) for k, place in zip(chain(*pairs), drawn, strict=True)]
+
+
+def cooled_as(spring: SpringParameters, other: SpringParameters) -> SpringParameters:
+    return replace(spring, convection_fan=other.convection_fan, convection_still=other.convection_still)
+
+
 def main() -> None:
     """Print one row for each case: the walk in the plane, in space, yaw, roll, drift, processor times."""
     design = Design.load(sys.argv[1])
     gait, known = read_gait(design), {}
     assert gait is not None
     rigs = int(sys.argv[2]) if len(sys.argv) > 2 else 0
-    drawn = drawn_cases(design, gait, rigs, in_series="series" in sys.argv[3:])
+    drawn = drawn_cases(
+        design, gait, rigs, in_series="series" in sys.argv[3:], matched="matched" in sys.argv[3:]
+    )
     for what, model, table in drawn if rigs else cases(design, gait):
         mean = replace(table, lengths=table.lengths.reshape(len(table.lengths), -1, 2).mean(axis=2))
         key = mean.lengths.tobytes(), model.plane.tilt, model.plane.hubs[0].friction, model.plane.numerics

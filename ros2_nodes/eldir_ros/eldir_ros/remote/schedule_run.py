@@ -14,6 +14,7 @@ from eldir_msgs.msg import Run
 
 from eldir.errors import EldirError
 from eldir_hardware.clock import WallClock
+from eldir_hardware.log.messages import PLAYED_TO_END
 from eldir_hardware.relay.errors import NotProvenOffError
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.run.player import ContactEdge, ContactEdges, Player
@@ -143,7 +144,7 @@ class ScheduleRun:
                 self._listener.on_message(f"{duration:.1f} s")
 
             player.play(clock.now() + request.lead, on_ready)
-            outcome, message = runs.FINISHED, "played to the end"
+            outcome, message = runs.FINISHED, PLAYED_TO_END
         except EldirError as error:
             outcome = getattr(error, "outcome", runs.STOPPED)
             message, failed = str(error), isinstance(error, NotProvenOffError)
