@@ -102,6 +102,7 @@ def prepare_report(
             fingerprint(run.log.path),
             loss=film.loss,
             film_error=0.0 if film.departure is None else film.departure.certain_walk_error,
+            other_heating=run.describe_other_heating(runs[0]),
         )
         for run, film, predicted in zip(runs, tracked, predictions.own, strict=True)
     )
@@ -168,6 +169,12 @@ def _remarks(
         "cycles: no marker was seen at both ends of the others."
         for run, one in zip(runs, tracked, strict=True)
         if one.motion.known_cycles < one.motion.cycles
+    ]
+    remarks += [
+        f"{run.log} was heated otherwise than {first.log}, with {run.other_heating}: their walks are neither "
+        "averaged nor compared."
+        for run in filmed
+        if run.other_heating
     ]
     remarks += [
         f"The walk in {run.log.path.name} is not possible in reality: {run.impossible_motion}."

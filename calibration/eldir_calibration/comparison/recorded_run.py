@@ -19,6 +19,7 @@ from eldir.errors import InputError
 from eldir.parameters.robot import RobotParameters
 from eldir.parameters.tolerances import RigTolerances
 from eldir.parameters.uncertain import PARAMETERS
+from eldir.parameters.wiring import FACES
 from eldir.trajectory import Trajectory
 from eldir_calibration.comparison.meters import read_meters
 from eldir_calibration.report.comparison import Motion, max_missing_time
@@ -27,7 +28,7 @@ from eldir_hardware.log.mcap_file import find_log, fingerprint
 from eldir_hardware.log.messages import MOVED_BY, PLAYED_TO_END, VIRTUAL_RIG
 from eldir_hardware.log.reader import RunLog, read_attachment, read_log
 from eldir_hardware.rig.configuration import Rig
-from eldir_hardware.schedule import ActuationSchedule
+from eldir_hardware.schedule import ActuationSchedule, Event
 
 _PAUSED = "paused"  # a message of the player begins with it
 _ROOM_ERROR = 1.0
@@ -112,6 +113,42 @@ class RecordedRun:
         if variant.ballast is not None:
             parts.append("with ballast")
         return ", ".join(parts) or INTACT, ", ".join(variant.changes)
+
+    def describe_other_heating(self, other: RecordedRun) -> str:
+        """How it was heated otherwise than another run, in words; empty if it was not. Only motors that both
+        robots have count."""
+        own, others = self.schedule, other.schedule
+        found, motors = [], _motors(own) & _motors(others)
+        if own.period_s != others.period_s:
+            found.append(f"a period of {own.period_s:g} s instead of {others.period_s:g} s")
+        elif _switchings(own, motors) != _switchings(others, motors):
+            found.append("other pulses")
+        limits = self.rig.supply.current_limit_a, other.rig.supply.current_limit_a
+        if limits[0] != limits[1]:
+            found.append("a current limit of {} A instead of {} A".format(*limits))
+        return " and ".join(found)
+
+
+def _motors(schedule: ActuationSchedule) -> set[int]:
+    """The design's springs that a schedule heats, or their numbers where it does not name them."""
+    return {_motor(schedule, event) for event in schedule.events}
+
+
+def _switchings(schedule: ActuationSchedule, motors: set[int]) -> set[tuple[int, str, int, bool]]:
+    """When the springs of these motors are switched on and off, after the first one of them is [ms]: a period
+    repeats, so its beginning is arbitrary."""
+    events = sorted(
+        (_motor(schedule, event), not event.on, face, round(1e3 * event.t_s))
+        for event in schedule.events
+        for face in (FACES if event.face == "both" else (event.face,))
+    )
+    own = [event for event in events if event[0] in motors]
+    period = round(1e3 * schedule.period_s)
+    return {(motor, face, (t - own[0][-1]) % period, not off) for motor, off, face, t in own}
+
+
+def _motor(schedule: ActuationSchedule, event: Event) -> int:
+    return schedule.springs[event.spring] if event.spring < len(schedule.springs) else event.spring
 
 
 @dataclass(frozen=True)

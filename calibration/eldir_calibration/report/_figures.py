@@ -18,7 +18,12 @@ from eldir_calibration.report.comparison import (
     MotionReport,
     mean_cycle,
 )
-from eldir_calibration.report.controls import PAPER_DISPLACEMENTS, FilmedRun, pool_displacements
+from eldir_calibration.report.controls import (
+    PAPER_DISPLACEMENTS,
+    FilmedRun,
+    comparable_runs,
+    pool_displacements,
+)
 from eldir_hardware.camera.plane import Image, Plane
 
 # Okabe and Ito's palette, and a line of its own for each kind, so that a grey print reads too.
@@ -165,12 +170,12 @@ def draw_runs(runs: Sequence[FilmedRun]) -> Figure:
     figure = Figure(figsize=(7.0, 3.0), layout="constrained")
     left, right = figure.subplots(1, 2)
     hide_frame(left, right)
-    kinds = pool_displacements(runs)
+    kinds, comparable = pool_displacements(runs), comparable_runs(runs)
     for i, (kind, walked) in enumerate(kinds.items()):
         half = 0.0 if np.isnan(walked.high) else walked.high - walked.mean
         left.bar(i - 0.2, walked.mean, 0.36, yerr=half, capsize=3, color=COLOURS["tracked"], ecolor="#777777",
                  label=LABELS["tracked"] if i == 0 else None)  # fmt: skip
-        expected = float(np.mean([r.predicted_displacement for r in runs if r.robot == kind]))
+        expected = float(np.mean([run.predicted_displacement for run in comparable[kind]]))
         left.bar(i + 0.2, expected, 0.36, color=COLOURS["predicted"], hatch="..", edgecolor="white",
                  label=LABELS["predicted"] if i == 0 else None)  # fmt: skip
         if kind in PAPER_DISPLACEMENTS:

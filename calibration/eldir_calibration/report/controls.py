@@ -52,6 +52,8 @@ class FilmedRun:
     film_error: float = field(default=0.0, kw_only=True)
     """By how much the filmed walk may be wrong because the robot left its plane [body lengths per five
     cycles]."""
+    other_heating: str = field(default="", kw_only=True)
+    """How it was heated otherwise than the first log, in words; empty if it was not."""
 
     @property
     def displacement(self) -> CycleMean:
@@ -68,8 +70,17 @@ class FilmedRun:
 def pool_displacements(runs: Sequence[FilmedRun]) -> dict[str, CycleMean]:
     """Filmed displacement of each kind of robot, in the order of the runs. With several runs, the interval is
     that of the runs' means: cycles of one run are alike, and their scatter shows nothing of other runs."""
-    kinds = dict.fromkeys(run.robot for run in runs)
-    return {kind: _mean_over_runs([run for run in runs if run.robot == kind]) for kind in kinds}
+    return {kind: _mean_over_runs(own) for kind, own in comparable_runs(runs).items()}
+
+
+def comparable_runs(runs: Sequence[FilmedRun]) -> dict[str, list[FilmedRun]]:
+    """The runs of each kind of robot that count together, in the order of the runs: those that were heated as
+    the first log; of a kind without one the first run."""
+    found: dict[str, list[FilmedRun]] = {}
+    for kind in dict.fromkeys(run.robot for run in runs):
+        own = [run for run in runs if run.robot == kind]
+        found[kind] = [run for run in own if not run.other_heating] or own[:1]
+    return found
 
 
 def _mean_over_runs(runs: list[FilmedRun]) -> CycleMean:
@@ -88,17 +99,23 @@ def _with_error(mean: CycleMean, error: float) -> CycleMean:
 def summarise_controls(runs: Sequence[FilmedRun]) -> list[str]:
     """Sentences about the control robots: whether their intervals differ from the intact robot's. "In these
     runs", where the interval of one is only over cycles."""
-    displacements = pool_displacements(runs)
+    displacements, comparable = pool_displacements(runs), comparable_runs(runs)
     if INTACT not in displacements or len(displacements) == 1:
         return []
-    counts = Counter(run.robot for run in runs if np.isfinite(run.displacement.mean))
+    counts = Counter(
+        run.robot for own in comparable.values() for run in own if np.isfinite(run.displacement.mean)
+    )
     sentences = []
     whole = displacements[INTACT]
     for kind, other in displacements.items():
         if kind == INTACT:
             continue
         walks = f"The robot {kind} walks {other.mean:+.2f}, the intact one {whole.mean:+.2f}: "
-        if not np.isfinite([whole.low, other.low]).all():
+        if comparable[kind][0].other_heating:
+            sentences.append(
+                f"The robot {kind} was heated otherwise than the intact one, so their walks are not compared."
+            )
+        elif not np.isfinite([whole.low, other.low]).all():
             sentences.append(
                 f"It is unknown whether the robot {kind} and the intact one walk differently: of one of them "
                 "fewer than two cycles or runs show its walk."

@@ -28,6 +28,7 @@ from eldir_calibration.report.controls import (
     PAPER_DISPLACEMENTS,
     FilmedRun,
     OtherDesigns,
+    comparable_runs,
     mean_ranges,
     pool_displacements,
     summarise_controls,
@@ -155,6 +156,7 @@ def _render_page(
     left_out: list[str],
     gain: IdentificationGain | None,
 ) -> str:
+    comparable = comparable_runs(content.runs)
     # Adding 0.0 takes the sign from a rounded minus zero.
     templates = page_templates(
         "eldir_calibration.report",
@@ -177,7 +179,7 @@ def _render_page(
         paper=PAPER,
         warnings=[*report.warnings, *content.remarks],
         runs=content.runs,
-        together=pool_displacements(content.runs),
+        together={k: e for k, e in pool_displacements(content.runs).items() if len(comparable[k]) > 1},
         paper_runs=PAPER_DISPLACEMENTS,
         conclusions=summarise_controls(content.runs),
         others=content.others,

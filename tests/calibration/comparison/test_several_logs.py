@@ -16,11 +16,12 @@ from eldir_calibration.comparison.motions import TrackedRun, _describe_fit, _des
 from eldir_calibration.comparison.recorded_run import LoggedRun
 from eldir_calibration.report.controls import INTACT, FilmedRun
 from eldir_hardware.camera.plane import Plane
+from eldir_hardware.planning.compiler import compile_schedule
 from eldir_hardware.vision.tracking_quality import TrackingQuality
 from tests.calibration.dynamics.hidden_rigs import SOFT
 from tests.calibration.report.striding_walkers import CYCLES, walker
 from tests.eldir.random_design import make_design
-from tests.hardware.rigs_and_schedules import RIG, SCHEDULE
+from tests.hardware.rigs_and_schedules import RIG, SCHEDULE, gait, rig_with
 
 PLANE = Plane(640, 480, np.diag([2.0, -2, 1]), [320, 240], [0, 0], 0.1)
 SECOND_SET = "A second set of markers appeared."
@@ -90,3 +91,36 @@ def test_a_report_names_the_scene(tmp_path: Path) -> None:
     digest = hashlib.sha256((tmp_path / "scene.json").read_bytes()).hexdigest()
     loaded = PrintedScene.load(tmp_path / "scene.json")
     assert _describe_scene(loaded) == f"identified from a.mcap, b.mcap; SHA-256 {digest}"
+
+
+def heated(current: float | None = None, springs: tuple[int, ...] = (7, 12), **gaits: Any) -> LoggedRun:
+    rig = RIG if current is None else rig_with(supply={"current_limit_a": current})
+    schedule = compile_schedule(gait(**gaits), rig, springs=springs)
+    return replace(run("a.mcap"), schedule=schedule, rig=rig)
+
+
+def test_runs_with_other_heat_are_told_apart() -> None:
+    first = heated()
+    assert heated().describe_other_heating(first) == ""
+    assert heated(phase=(0.25, 0.75)).describe_other_heating(first) == "", "a period begins anywhere"
+    assert heated(phase=(0.0, 0.25)).describe_other_heating(first) == "other pulses"
+    assert heated(duty=(0.275, 0.2)).describe_other_heating(first) == "other pulses"
+    told = heated(current=3.2, period=25.0, duty=(0.2, 0.2)).describe_other_heating(first)
+    assert told == "a period of 25 s instead of 20 s and a current limit of 3.2 A instead of 3.45 A"
+
+
+def test_a_control_robot_may_lack_a_motor() -> None:
+    first = heated()
+    assert heated(springs=(12,), phase=(0.0,), duty=(0.275,)).describe_other_heating(first) == ""
+    assert heated(springs=(12,), phase=(0.0,), duty=(0.2,)).describe_other_heating(first) == "other pulses"
+
+
+def test_a_run_with_other_heat_has_a_remark() -> None:
+    filmed = [
+        FilmedRun(name, INTACT, "", walker(), walker(), other_heating=other)
+        for name, other in (("a.mcap", ""), ("b.mcap", "other pulses"))
+    ]
+    (told,) = _remarks([run("a.mcap"), run("b.mcap")], [film(), film()], filmed, None, has_ground=False)
+    assert told.startswith(
+        "b.mcap was heated otherwise than a.mcap, with other pulses: their walks are neither"
+    )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -104,6 +105,40 @@ def test_cycles_of_one_run_are_no_independent_runs() -> None:
     assert summarise_controls(alike)[0].endswith(": they differ.")
     single = [*_runs(INTACT, 1.1, 1.2, 1.3), *_runs("without a motor", 0.5)]
     assert summarise_controls(single)[0].endswith(": they differ in these runs.")
+
+
+def test_runs_that_were_heated_otherwise_do_not_count_together() -> None:
+    runs = _runs(INTACT, 1.1, 1.2, 1.3)
+    apart = replace(_runs(INTACT, 1.9)[0], other_heating="other pulses")
+    assert pool_displacements([*runs, apart])[INTACT] == pool_displacements(runs)[INTACT]
+    control = _runs("without a motor", 0.5)[0]
+    assert "they differ" in summarise_controls([*runs, control])[0]
+    (told,) = summarise_controls([*runs, replace(control, other_heating="other pulses")])
+    assert told == (
+        "The robot without a motor was heated otherwise than the intact one, so their walks are not compared."
+    )
+
+
+def test_a_page_averages_runs_of_one_heat(tmp_path) -> None:
+    """No line for a robot of which one run counts."""
+    first, again = _runs(INTACT, 1.0, 1.4)
+    apart, control = replace(again, other_heating="other pulses"), _runs("without a motor", 0.5)[0]
+    rows = {}
+    for name, runs in {
+        "alike": (first, again),
+        "apart": (first, again, apart),
+        "one": (first, apart, control),
+    }.items():
+        write_report(content(runs=runs), tmp_path / name)
+        rows[name] = re.findall(
+            r"<tr><td>(all runs|runs heated alike)</td>\s*<td>([^<]*)</td>\s*<td>([^<]*)<",
+            (tmp_path / name / "index.html").read_text(),
+        )
+    assert rows == {
+        "alike": [("all runs", INTACT, "+1.20")],
+        "apart": [("runs heated alike", INTACT, "+1.20")],
+        "one": [],
+    }
 
 
 def test_a_run_without_markers_does_not_count() -> None:
