@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import base64
+import os
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -57,7 +58,11 @@ def compared_run(log: Path, progress: Callable[[int, int], None]) -> ComparedRun
 
 
 def write_comparison(runs: Sequence[ComparedRun], page: Path) -> None:
-    """Write one HTML file with the figures of all runs and a table of their differences."""
+    """Write one HTML file with the figures of all runs and a table of their differences. Logs are named by
+    their paths below the folder that they share."""
+    paths = [os.path.abspath(one.name) for one in runs]
+    shared = os.path.commonpath([os.path.dirname(path) for path in paths])
+    runs = [replace(one, name=os.path.relpath(path, shared)) for one, path in zip(runs, paths, strict=True)]
     pictures = [
         (caption, base64.b64encode(png(figure)).decode()) for caption, figure in figures(runs).items()
     ]

@@ -174,6 +174,18 @@ def test_a_comparison_tells_why_cycles_lack(folder: Path, tmp_path: Path) -> Non
     assert f"<td>{told}</td>" in page and page.count("<td>+0.50</td>") == 3
 
 
+def test_logs_are_named_below_the_folder_that_they_share(folder: Path, tmp_path: Path) -> None:
+    one, other = (
+        compared(folder / "one.mcap", str(tmp_path / "films" / name), 0.01)
+        for name in ("1/a.mcap", "2/a.mcap")
+    )
+    write_comparison([one, other], tmp_path / "page.html")
+    page = (tmp_path / "page.html").read_text()
+    assert re.findall(r'<th scope="col">([^<]*)</th>', page) == ["1/a.mcap", "2/a.mcap"]
+    write_comparison([one], tmp_path / "alone.html")
+    assert '<th scope="col">a.mcap</th>' in (tmp_path / "alone.html").read_text()
+
+
 def test_overlays_have_the_temperatures_of_the_last_cycle_or_say_that_there_are_none(
     folder: Path, tmp_path: Path
 ) -> None:
