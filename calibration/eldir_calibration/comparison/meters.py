@@ -40,6 +40,8 @@ class MeterReadings(NamedTuple):
     """Number of springs of which these are the means."""
     heated_springs: int = 1
     """Number of springs that were heated, measured or not; with `hot`, of those that got hot."""
+    output_deviation: float = 0.0
+    """Relative standard deviation of an output's current, by the rig file."""
 
     @property
     def spring_error(self) -> float:
@@ -54,8 +56,11 @@ class MeterReadings(NamedTuple):
 
     @property
     def error(self) -> float:
-        """Standard deviation of current and voltage, relative."""
-        return float(max(self.current_error, self.voltage_error) / _UNIFORM_FACTOR)
+        """Standard deviation of current and voltage as means over the heated springs, relative. Outputs that
+        were not measured may differ from the others as the rig file says, all in the same way."""
+        sensor = max(self.current_error, self.voltage_error) / _UNIFORM_FACTOR
+        unmeasured = 1 - self.measured_springs / self.heated_springs
+        return float(math.hypot(sensor, unmeasured * self.output_deviation))
 
 
 def read_meters(runs: Sequence[tuple[RunLog, Rig]], *, hot: bool) -> MeterReadings | None:
@@ -96,6 +101,7 @@ def read_meters(runs: Sequence[tuple[RunLog, Rig]], *, hot: bool) -> MeterReadin
         _relative_spread(springs[:, 0], max(current_errors)),
         per_channel * len(springs),
         per_channel * len(means),
+        max(rig.tolerances.current for _, rig in runs) / 2,
     )
 
 

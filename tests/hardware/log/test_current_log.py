@@ -67,6 +67,8 @@ def test_currents_come_back_from_a_log(tmp_path):
         assert log.voltages[on, column] == pytest.approx(limit * 0.987, rel=0.06)
     found = read_meters([(log, rig)], hot=False)
     assert found.partial == " in 3 of 4 springs", "the contact of the fourth one was closed, too"
+    sensor = found.current_error / np.sqrt(3)
+    assert found.error == pytest.approx(np.hypot(sensor, 0.25 * 0.025)), "5 % are two deviations"
     with AnyReader([path]) as reader:
         kinds = {c.topic: c.msgtype for c in reader.connections}
     assert kinds["/currents"] == kinds["/voltages"] == "control_msgs/msg/DynamicJointState"
