@@ -49,12 +49,17 @@ def keeps_limit(
     with this current limit of the supply; with `tolerance`, if it is measured to that. `air_c`: temperature
     of the air [C]; None: the belief's."""
     (recording,) = film.recordings
-    belief = replace(belief, nominal=replace(belief.nominal, springs=belief.nominal.springs.in_air(air_c)))
+    belief = belief_in_air(belief, air_c)
     if tolerance is not None:  # the supply gives what it is set to
         known = np.array(belief.names) == CURRENT
         belief, current_a = replace(belief, z=np.where(known, 0.0, belief.z)), current_a * (1 + tolerance)
     peak, deviation = _mean_peak(belief, recording.contact_shares, current_a)
     return peak + SURE * deviation <= limit_c
+
+
+def belief_in_air(belief: Belief, air_c: float | None) -> Belief:
+    """The same robots in air of this temperature [C]; None: in that of the belief."""
+    return replace(belief, nominal=replace(belief.nominal, springs=belief.nominal.springs.in_air(air_c)))
 
 
 def planned_contact_shares(schedule: ActuationSchedule, rig: Rig, motors: int) -> FloatArray:

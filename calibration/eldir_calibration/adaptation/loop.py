@@ -39,7 +39,7 @@ from eldir_calibration.adaptation.films import (
     nominal_robot,
     read_run,
 )
-from eldir_calibration.adaptation.heat import believe_heat
+from eldir_calibration.adaptation.heat import belief_in_air, believe_heat
 from eldir_calibration.adaptation.page import write_film, write_page
 from eldir_calibration.adaptation.prior import BELIEF, find_prior
 from eldir_calibration.adaptation.runs import (
@@ -102,7 +102,7 @@ def adapt(
     `ask` is called before each run with its number and schedule, and returns when it may heat; `on_run` is
     called with each run after its film was read. `prior`: folders of adaptations of other robots of the kit;
     they count from the first run on, so that a folder with runs has them already. `room_c`: temperature of
-    the air [C] for which the first run is planned, if it was measured; later runs are planned for that of the
+    the air [C] for which runs are planned, if it was measured; else later runs are planned for that of the
     last film. The log of a film that cannot be used is kept under another name, and the run is repeated by
     the next call. Raises `InputError` for a robot on a printed ground, whose films do not tell where it is,
     for one with too few markers, for springs that share the current of one output, which is not simulated,
@@ -121,9 +121,7 @@ def adapt(
     learned = _learn(design, rig, films, known, faults, config, progress) if films else None
     ended = f"all runs are made ({config.runs})"
     while len(runs) < config.runs:
-        scene, faults = (
-            (_in_air(known, room_c), faults) if learned is None else (learned.scene, learned.faults)
-        )
+        scene, belief, faults = _what_is_known(known, faults, learned, room_c)
         place = folder / f"run_{len(runs) + 1:02d}"
         log = place / f"{place.name}.mcap"
         plans = PlanConfig(
@@ -141,7 +139,7 @@ def adapt(
                 _require_repaired(faults, runs, current)
                 deadline.require(1.0)
                 counted = [runs[number - 1] for number in repeatable_runs(runs, faults, current)]
-                believed = believed_robots(design, rig, scene, None if learned is None else learned.belief)
+                believed = believed_robots(design, rig, scene, belief)
                 schedule = plan_run(
                     design,
                     rig,
@@ -181,9 +179,17 @@ def adapt(
     return _report(folder, rig, found, known, learned.scene)
 
 
-def _in_air(scene: PrintedScene | None, air_c: float | None) -> PrintedScene | None:
-    """What a prior tells, in air of this temperature [C]; None: in that of the rig file."""
-    return None if scene is None else replace(scene, springs=scene.springs.in_air(air_c))
+def _what_is_known(
+    prior: PrintedScene | None, faults: tuple[Fault, ...], learned: _Learned | None, air_c: float | None
+) -> tuple[PrintedScene | None, Belief | None, tuple[Fault, ...]]:
+    """What a prior or the films tell of the robot, and its faults. `air_c`: temperature of the air [C]; None:
+    that of the rig file or the last film."""
+    scene, belief = prior, None
+    if learned is not None:
+        scene, belief, faults = learned.scene, belief_in_air(learned.belief, air_c), learned.faults
+    if scene is not None:
+        scene = replace(scene, springs=scene.springs.in_air(air_c))
+    return scene, belief, faults
 
 
 def _moves(film: RobotFilms) -> bool:

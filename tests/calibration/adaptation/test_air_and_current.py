@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -94,6 +95,22 @@ def test_the_first_run_is_planned_for_the_air_that_was_measured(bench: Bench, wi
     assert walk != ActuationSchedule.load(first / "run_01" / "schedule.json").predicted.walk
     (walks,) = sample_walks(robots, [gait], FEW.samples, FEW.seed)
     assert walk.mean == pytest.approx(walks.mean, abs=1e-6)
+
+
+def test_a_later_run_is_planned_for_the_air_that_was_measured(bench: Bench) -> None:
+    """Not for that of the last film."""
+    out = bench.folder / "warm"
+    shutil.copytree(bench.folder / "out", out)
+
+    def drive(schedule: ActuationSchedule, log: Path) -> None:
+        raise EldirError("nothing is driven")
+
+    with pytest.raises(EldirError, match="nothing is driven"):
+        config = replace(FEW, runs=3, min_gain=0.0)
+        adapt(bench.design_file, bench.rig, out, drive, config, room_c=27.0)
+    last, planned = (PrintedScene.load(out / f"run_0{n}" / "belief.json") for n in (2, 3))
+    assert last.springs.ambient == bench.rig.springs.ambient_c
+    assert planned.springs.ambient == 27.0
 
 
 def test_one_film_tells_half_of_what_is_predicted_too_much(bench: Bench) -> None:
