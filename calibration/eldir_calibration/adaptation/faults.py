@@ -123,12 +123,13 @@ def _find_hot_springs(number: int, film: RobotFilms, belief: Belief, limit_c: fl
     low, high = heat.peak_interval
     lower = find_safe_current(belief, film, limit_c, film.nominal.springs.current_limit)
     less = "" if lower is None else f" to {lower:.2f} A"
+    get, so = ("get", ", so") if low > limit_c else ("may get", "; then")
     return (
         Fault(
             number,
             "hot",
-            f"the springs get hotter than the limit of {limit_c:g} C: the film tells {heat.peak_c:.0f} C "
-            f"({low:.0f} to {high:.0f}), so they have more current or are cooled less than the rig file says",
+            f"the springs {get} hotter than the limit of {limit_c:g} C: the film tells {heat.peak_c:.0f} C "
+            f"({low:.0f} to {high:.0f}){so} they have more current or are cooled less than the rig file says",
             f"lower the current limit{less}, at the supply and in the rig file, or measure the current and "
             "the springs (eldir calibrate springs)",
             lower,

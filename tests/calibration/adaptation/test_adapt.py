@@ -156,9 +156,8 @@ def test_springs_that_are_too_hot_are_not_heated_again_before_the_current_is_low
         replace(FEW, belief=BeliefConfig()),
     )
     found = hot.adapt(config=config)
-    assert hot.driven == ["run_01"] and found.ended.startswith(
-        "run 1: the springs get hotter than the limit of 90 C"
-    )
+    assert hot.driven == ["run_01"]
+    assert re.match("run 1: the springs (may )?get hotter than the limit of 90 C", found.ended)
     assert found.best is None and not (hot.folder / "out" / "schedule.json").exists()
     assert [fault.kind for fault in found.faults] == ["hot"] and found.heat is not None
     advised = re.search(r"current limit to ([\d.]+) A", found.faults[0].remedy)

@@ -142,6 +142,9 @@ def test_springs_above_the_limit_come_first() -> None:
     assert high - low == pytest.approx(2 * 1.96 * heat.peak_deviation_c)
     (fault,) = find_faults(2, seen, belief, peak - 1.0)
     assert (fault.run, fault.kind) == (2, "hot") and f"the film tells {peak:.0f} C" in fault.text
+    assert fault.text.startswith("the springs may get hotter than") and low < peak - 1.0
+    (sure,) = find_faults(2, seen, belief, low - 1.0)
+    assert sure.text.startswith("the springs get hotter than")
     safe = find_safe_current(belief, seen, peak - 1.0, SPRINGS.current_limit)
     assert safe is not None and find_safe_current(belief, seen, peak - 1.0, 9.0, above_a=safe) is None
     assert f"lower the current limit to {safe:.2f} A" in fault.remedy and safe < SPRINGS.current_limit
