@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.adaptation_advice import follow_advice
+from benchmarks.adaptation_advice import choose_advice, follow_advice
 from benchmarks.adaptation_comparison import compare
 from benchmarks.hidden_robot import HiddenRig
 from eldir.built.robot import build
@@ -73,22 +73,27 @@ def main(arguments: Sequence[str] | None = None) -> None:
 class Bench(HiddenRig):
     """An adaptation on a hidden rig, and what the robot truly walks there."""
 
-    def row(self, runs: int, exhaustive: bool) -> dict[str, Any]:
+    def row(self, runs: int, exhaustive: bool, *, measures: bool = False) -> dict[str, Any]:
         """An adaptation, and the walks of its last schedule and of all phases. Where springs get too hot the
-        supply is turned down as far as the adaptation says, and it goes on."""
+        supply is turned down as far as the adaptation says, and it goes on. `measures`: where it advises a
+        measured current, another adaptation begins with that, and its walks count."""
         begin, config, place = time.process_time(), AdaptationConfig(runs=runs), self
-        found = self._adapt(config)
+        first = found = self._adapt(config)
         if found.faults and (lower := found.faults[-1].lower_current_a):
             place = replace(self, current_a=lower, measured=False)
-            found = place._adapt(config)
+            first = found = place._adapt(config)
+        elif measures and (advised := choose_advice(found.advice)):
+            place = replace(self, folder=self.folder / "advised", current_a=advised.current_limit_a)
+            found = place._adapt(config, prior=[self._out])
         used, number = time.process_time() - begin, found.best or len(found.runs)
-        last = place.true_walk(ActuationSchedule.load(self._out / found.runs[number - 1].schedule))
+        last = place.true_walk(ActuationSchedule.load(place._out / found.runs[number - 1].schedule))
         walks = place._all_phases() if exhaustive else []
         return {
             "design": str(self.design_file),
             "seed": self.seed,
             "current_a": place.current_a,
-            **found.to_json(),
+            **first.to_json(),
+            "then": None if found is first else found.to_json(),
             "last": last,
             "best_of_all_phases": max([last, *walks]) if walks else None,
             "processor_s": used,
@@ -98,8 +103,8 @@ class Bench(HiddenRig):
     def _out(self) -> Path:
         return self.folder / "adapted"
 
-    def _adapt(self, config: AdaptationConfig) -> Adaptation:
-        return adapt(self.design_file, self.rig, self._out, self.drive, config)
+    def _adapt(self, config: AdaptationConfig, prior: Sequence[Path] = ()) -> Adaptation:
+        return adapt(self.design_file, self.rig, self._out, self.drive, config, prior=prior)
 
     def true_walk(self, schedule: ActuationSchedule) -> float:
         """Walk of the virtual robot itself, not as filmed [body lengths per five cycles]."""

@@ -61,7 +61,7 @@ def _row(design_file: Path, seed: int, runs: int, folder: Path) -> dict[str, Any
             design_file, place.rig, place.folder / "adapted", place.drive, replace(config, runs=more)
         )
         row |= {"then": last.to_json(), "current_a": lower}
-    elif advised := _choose(found.advice):
+    elif advised := choose_advice(found.advice):
         prior, current = place.folder / "adapted", advised.current_limit_a
         place = Search(design_file, seed, folder / "advised", current)
         last = adapt(design_file, place.rig, place.folder / "adapted", place.drive, config, prior=[prior])
@@ -72,7 +72,7 @@ def _row(design_file: Path, seed: int, runs: int, folder: Path) -> dict[str, Any
     return row | {"headroom": tried, "best": max(row["last"], tried["best"])}
 
 
-def _choose(advice: Sequence[SupplyAdvice]) -> SupplyAdvice | None:
+def choose_advice(advice: Sequence[SupplyAdvice]) -> SupplyAdvice | None:
     """The advice with a measured current that predicts the longest walk, of those that are likely to bring
     it; None without."""
     promised = [

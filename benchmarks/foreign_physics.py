@@ -2,7 +2,8 @@
 
 The rigs are those of `benchmarks.adaptation`, moved by MuJoCo with parameters far from the kit, and each has
 one thing more, which no parameter of the engine describes (`PHYSICS`). `eldir adapt` makes its runs there,
-then all phases are played on the same rig. A rig is a line in foreign-physics.jsonl; a later call computes
+then all phases are played on the same rig. Where it advises a measured current, another adaptation begins
+with that, and phases are played with it. A rig is a line in foreign-physics.jsonl; a later call computes
 those that are not in it.
 """
 
@@ -195,7 +196,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def _row(bench: ForeignBench, runs: int) -> dict[str, Any]:
     try:
-        return bench.row(runs, exhaustive=True)
+        return bench.row(runs, exhaustive=True, measures=True)
     except InputError as error:
         return {"design": str(bench.design_file), "seed": bench.seed, "refused": str(error)}
 
@@ -204,14 +205,20 @@ def _describe(row: dict[str, Any]) -> str:
     where = f"| {row['physics']} | {row['design']}, {row['seed']} |"
     if "refused" in row:
         return f"{where} {row['refused']} | | |"
-    runs = "; ".join(
-        f"{r['predicted']:+.2f} +- {r['deviation']:.2f}, "
-        + (f"{r['filmed']:+.2f}" if r["upright"] else "falls")
-        for r in row["runs"]
-    )
-    if row["current_a"] != CURRENT_LIMIT_A:
+    runs = _describe_runs(row["runs"])
+    if row["then"] is not None:
+        runs += f"; {row['current_a']:g} A, measured: {_describe_runs(row['then']['runs'])}"
+    elif row["current_a"] != CURRENT_LIMIT_A:
         runs += f"; in the end at {row['current_a']:g} A"
     return f"{where} {runs} | {row['last']:+.2f} | {row['best_of_all_phases']:+.2f} |"
+
+
+def _describe_runs(runs: Sequence[dict[str, Any]]) -> str:
+    return "; ".join(
+        ("" if run["predicted"] is None else f"{run['predicted']:+.2f} +- {run['deviation']:.2f}, ")
+        + (f"{run['filmed']:+.2f}" if run["upright"] else "falls")
+        for run in runs
+    )
 
 
 if __name__ == "__main__":
