@@ -30,6 +30,7 @@ from eldir_hardware.log.reader import RunLog, read_attachment, read_log
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.schedule import ActuationSchedule, Event
 
+_SAME_INSTANT = 0.005  # times of schedules are rounded to milliseconds [s]
 _PAUSED = "paused"  # a message of the player begins with it
 _ROOM_ERROR = 1.0
 """How far the air may be from what was measured before the run, two standard deviations [C]: a thermometer is
@@ -121,7 +122,7 @@ class RecordedRun:
         found, motors = [], _motors(own) & _motors(others)
         if own.period_s != others.period_s:
             found.append(f"a period of {own.period_s:g} s instead of {others.period_s:g} s")
-        elif _switchings(own, motors) != _switchings(others, motors):
+        elif not _are_alike(own, others, motors):
             found.append("other pulses")
         limits = self.rig.supply.current_limit_a, other.rig.supply.current_limit_a
         if limits[0] != limits[1]:
@@ -134,17 +135,26 @@ def _motors(schedule: ActuationSchedule) -> set[int]:
     return {_motor(schedule, event) for event in schedule.events}
 
 
-def _switchings(schedule: ActuationSchedule, motors: set[int]) -> set[tuple[int, str, int, bool]]:
-    """When the springs of these motors are switched on and off, after the first one of them is [ms]: a period
-    repeats, so its beginning is arbitrary."""
+def _are_alike(one: ActuationSchedule, other: ActuationSchedule, motors: set[int]) -> bool:
+    """Whether two schedules of the same period heat these motors alike, wherever the period begins."""
+    a, b = (_switchings(schedule, motors) for schedule in (one, other))
+    period = one.period_s
+
+    def coincide(t: float, u: float) -> bool:
+        return abs((t - u + period / 2) % period - period / 2) <= _SAME_INSTANT
+
+    return len(a) == len(b) and all(any(what == same and coincide(t, u) for *same, u in b) for *what, t in a)
+
+
+def _switchings(schedule: ActuationSchedule, motors: set[int]) -> list[tuple[int, bool, str, float]]:
+    """Switchings of the springs of these motors: motor, off, face, time after the first one [s]."""
     events = sorted(
-        (_motor(schedule, event), not event.on, face, round(1e3 * event.t_s))
+        (motor, not event.on, face, event.t_s)
         for event in schedule.events
+        if (motor := _motor(schedule, event)) in motors
         for face in (FACES if event.face == "both" else (event.face,))
     )
-    own = [event for event in events if event[0] in motors]
-    period = round(1e3 * schedule.period_s)
-    return {(motor, face, (t - own[0][-1]) % period, not off) for motor, off, face, t in own}
+    return [(motor, off, face, t - events[0][-1]) for motor, off, face, t in events]
 
 
 def _motor(schedule: ActuationSchedule, event: Event) -> int:

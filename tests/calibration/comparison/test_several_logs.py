@@ -103,6 +103,11 @@ def test_runs_with_other_heat_are_told_apart() -> None:
     first = heated()
     assert heated().describe_other_heating(first) == ""
     assert heated(phase=(0.25, 0.75)).describe_other_heating(first) == "", "a period begins anywhere"
+    rounded = heated(phase=(0.30013, 0.80013))
+    late = replace(
+        rounded.schedule, events=tuple(replace(e, t_s=e.t_s + 1e-3 * e.on) for e in rounded.schedule.events)
+    )
+    assert replace(rounded, schedule=late).describe_other_heating(first) == "", "by a millisecond"
     assert heated(phase=(0.0, 0.25)).describe_other_heating(first) == "other pulses"
     assert heated(duty=(0.275, 0.2)).describe_other_heating(first) == "other pulses"
     told = heated(current=3.2, period=25.0, duty=(0.2, 0.2)).describe_other_heating(first)
