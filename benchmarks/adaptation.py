@@ -14,20 +14,19 @@ import argparse
 import json
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.adaptation_advice import choose_advice, follow_advice
+from benchmarks.adaptation_advice import adapt_as_advised, follow_advice
 from benchmarks.adaptation_comparison import compare
 from benchmarks.hidden_robot import HiddenRig
 from eldir.built.robot import build
 from eldir.built.screening import candidate_gaits
 from eldir.core.files import write_text
-from eldir_calibration.adaptation.loop import adapt
-from eldir_calibration.adaptation.runs import Adaptation, AdaptationConfig
+from eldir_calibration.adaptation.runs import AdaptationConfig
 from eldir_hardware.planning.compiler import compile_schedule
 from eldir_hardware.planning.plan import heating_limits
 from eldir_hardware.rig.template import CURRENT_LIMIT_A
@@ -73,38 +72,27 @@ def main(arguments: Sequence[str] | None = None) -> None:
 class Bench(HiddenRig):
     """An adaptation on a hidden rig, and what the robot truly walks there."""
 
-    def row(self, runs: int, exhaustive: bool, *, measures: bool = False) -> dict[str, Any]:
-        """An adaptation, and the walks of its last schedule and of all phases. Where springs get too hot the
-        supply is turned down as far as the adaptation says, and it goes on. `measures`: where it advises a
-        measured current, another adaptation begins with that, and its walks count."""
-        begin, config, place = time.process_time(), AdaptationConfig(runs=runs), self
-        first = found = self._adapt(config)
-        if found.faults and (lower := found.faults[-1].lower_current_a):
-            place = replace(self, current_a=lower, measured=False)
-            first = found = place._adapt(config)
-        elif measures and (advised := choose_advice(found.advice)):
-            place = replace(self, folder=self.folder / "advised", current_a=advised.current_limit_a)
-            found = place._adapt(config, prior=[self._out])
-        used, number = time.process_time() - begin, found.best or len(found.runs)
-        last = place.true_walk(ActuationSchedule.load(place._out / found.runs[number - 1].schedule))
+    def row(self, runs: int, exhaustive: bool, *, as_advised: bool = False) -> dict[str, Any]:
+        """An adaptation, and the walks of its last schedule and of all phases. `as_advised`: another one with
+        the current that it advises, if any, whose walks count."""
+        begin, config = time.process_time(), AdaptationConfig(runs=runs)
+        place, first, then = (
+            adapt_as_advised(self, config) if as_advised else (self, self.adapt(config), None)
+        )
+        last_one, used = then or first, time.process_time() - begin
+        number = last_one.best or len(last_one.runs)
+        last = place.true_walk(ActuationSchedule.load(place.adapted / last_one.runs[number - 1].schedule))
         walks = place._all_phases() if exhaustive else []
         return {
             "design": str(self.design_file),
             "seed": self.seed,
             "current_a": place.current_a,
             **first.to_json(),
-            "then": None if found is first else found.to_json(),
+            "then": None if then is None else then.to_json(),
             "last": last,
             "best_of_all_phases": max([last, *walks]) if walks else None,
             "processor_s": used,
         }
-
-    @property
-    def _out(self) -> Path:
-        return self.folder / "adapted"
-
-    def _adapt(self, config: AdaptationConfig, prior: Sequence[Path] = ()) -> Adaptation:
-        return adapt(self.design_file, self.rig, self._out, self.drive, config, prior=prior)
 
     def true_walk(self, schedule: ActuationSchedule) -> float:
         """Walk of the virtual robot itself, not as filmed [body lengths per five cycles]."""

@@ -14,22 +14,21 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from benchmarks.headroom import Search
-from benchmarks.hidden_robot import Rows
+from benchmarks.hidden_robot import HiddenRig, Rows
 from eldir.built.gait import Gait
 from eldir.built.samples import RISK
 from eldir.errors import InputError
-from eldir_calibration.adaptation.loop import adapt
 from eldir_calibration.adaptation.runs import Adaptation, AdaptationConfig, SupplyAdvice
 from eldir_hardware.planning.compiler import extract_gait
 from eldir_hardware.rig.sections import MEASURED_CURRENT
-from eldir_hardware.rig.template import CURRENT_LIMIT_A
 from eldir_hardware.schedule import ActuationSchedule
 
 CYCLES = 3
 """Counted cycles of a filmed run, and of a walk in MuJoCo."""
+AnyRig = TypeVar("AnyRig", bound=HiddenRig)
 
 
 def follow_advice(designs: Sequence[Path], seeds: Sequence[int], runs: int, out: Path) -> None:
@@ -50,29 +49,34 @@ def _row(design_file: Path, seed: int, runs: int, folder: Path) -> dict[str, Any
     place = Search(design_file, seed, folder / "template")
     row: dict[str, Any] = {"design": str(design_file), "seed": seed, "then": None, "refused": ""}
     try:
-        found = adapt(design_file, place.rig, place.folder / "adapted", place.drive, config)
+        place, found, then = adapt_as_advised(place, config)
     except InputError as error:
         return row | {"refused": str(error), "processor_s": time.process_time() - begin}
-    row |= {"first": found.to_json(), "current_a": CURRENT_LIMIT_A}
-    last = found
-    if found.faults and (lower := found.faults[-1].lower_current_a):
-        place, more = Search(design_file, seed, place.folder, lower, False), len(found.runs) + runs
-        last = adapt(
-            design_file, place.rig, place.folder / "adapted", place.drive, replace(config, runs=more)
-        )
-        row |= {"then": last.to_json(), "current_a": lower}
-    elif advised := choose_advice(found.advice):
-        prior, current = place.folder / "adapted", advised.current_limit_a
-        place = Search(design_file, seed, folder / "advised", current)
-        last = adapt(design_file, place.rig, place.folder / "adapted", place.drive, config, prior=[prior])
-        row |= {"then": last.to_json(), "current_a": current}
+    row |= {"first": found.to_json(), "current_a": place.current_a}
+    if then is not None:
+        row["then"] = then.to_json()
+    last = then or found
     row["last"] = _true_walk(place, last)
     row["processor_s"] = time.process_time() - begin
     tried = place.row()
     return row | {"headroom": tried, "best": max(row["last"], tried["best"])}
 
 
-def choose_advice(advice: Sequence[SupplyAdvice]) -> SupplyAdvice | None:
+def adapt_as_advised(place: AnyRig, config: AdaptationConfig) -> tuple[AnyRig, Adaptation, Adaptation | None]:
+    """An adaptation, and the one with the current that it advises: a lower one, in the same folder, where
+    springs get too hot, or one that is measured. With the rig of the last one."""
+    found = place.adapt(config)
+    if found.faults and (lower := found.faults[-1].lower_current_a):
+        place, more = replace(place, current_a=lower, measured=False), len(found.runs) + config.runs
+        return place, found, place.adapt(replace(config, runs=more))
+    if advised := _choose(found.advice):
+        prior, folder = place.adapted, place.folder / "advised"
+        place = replace(place, folder=folder, current_a=advised.current_limit_a)
+        return place, found, place.adapt(config, prior=[prior])
+    return place, found, None
+
+
+def _choose(advice: Sequence[SupplyAdvice]) -> SupplyAdvice | None:
     """The advice with a measured current that predicts the longest walk, of those that are likely to bring
     it; None without."""
     promised = [
@@ -86,7 +90,7 @@ def choose_advice(advice: Sequence[SupplyAdvice]) -> SupplyAdvice | None:
 def _true_walk(place: Search, adaptation: Adaptation) -> float:
     """Of the best filmed run, or the last one; 0 where the robot falls."""
     number = adaptation.best or len(adaptation.runs)
-    file = place.folder / "adapted" / adaptation.runs[number - 1].schedule
+    file = place.adapted / adaptation.runs[number - 1].schedule
     gait = extract_gait(ActuationSchedule.load(file))
     assert isinstance(gait, Gait)
     walk = place.robot.walk(gait, CYCLES)
@@ -97,15 +101,16 @@ def _describe(row: dict[str, Any]) -> str:
     """The row of a rig in the table."""
     if row["refused"]:
         return f"| {row['design']} | {row['seed']} | {row['refused']} | | | | |"
-    then = "" if row["then"] is None else _runs(row["then"]["runs"])
-    current = "none" if row["then"] is None else f"{row['current_a']:g} A"
+    current, then = "none", ""
+    if row["then"] is not None:
+        current, then = f"{row['current_a']:g} A", describe_runs(row["then"]["runs"])
+    first = describe_runs(row["first"]["runs"])
     walks = f"{row['last']:+.2f} | {row['best']:+.2f}"
-    return (
-        f"| {row['design']} | {row['seed']} | {_runs(row['first']['runs'])} | {current} | {then} | {walks} |"
-    )
+    return f"| {row['design']} | {row['seed']} | {first} | {current} | {then} | {walks} |"
 
 
-def _runs(runs: Sequence[dict[str, Any]]) -> str:
+def describe_runs(runs: Sequence[dict[str, Any]]) -> str:
+    """What was predicted and filmed, run by run."""
     return "; ".join(
         (f"{run['predicted']:+.2f} +- {run['deviation']:.2f}, " if run["predicted"] is not None else "")
         + (f"{run['filmed']:+.2f}" if run["upright"] else "falls")

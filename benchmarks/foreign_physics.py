@@ -2,8 +2,8 @@
 
 The rigs are those of `benchmarks.adaptation`, moved by MuJoCo with parameters far from the kit, and each has
 one thing more, which no parameter of the engine describes (`PHYSICS`). `eldir adapt` makes its runs there,
-then all phases are played on the same rig. Where it advises a measured current, another adaptation begins
-with that, and phases are played with it. A rig is a line in foreign-physics.jsonl; a later call computes
+then all phases are played on the same rig. Where it advises another current, the robot is adapted with that
+too, and phases are played with it. A rig is a line in foreign-physics.jsonl; a later call computes
 those that are not in it.
 """
 
@@ -21,11 +21,11 @@ from unittest.mock import patch
 import numpy as np
 
 from benchmarks.adaptation import Bench
+from benchmarks.adaptation_advice import describe_runs
 from benchmarks.hidden_robot import Rows
 from eldir.core.records import FloatArray
 from eldir.errors import InputError
 from eldir_cad.multibody.biplane import with_lateral_rotation
-from eldir_hardware.rig.template import CURRENT_LIMIT_A
 from eldir_hardware.run import drive
 from eldir_hardware.schedule import ActuationSchedule
 from eldir_hardware.virtual import bodies
@@ -196,7 +196,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def _row(bench: ForeignBench, runs: int) -> dict[str, Any]:
     try:
-        return bench.row(runs, exhaustive=True, measures=True)
+        return bench.row(runs, exhaustive=True, as_advised=True)
     except InputError as error:
         return {"design": str(bench.design_file), "seed": bench.seed, "refused": str(error)}
 
@@ -205,20 +205,10 @@ def _describe(row: dict[str, Any]) -> str:
     where = f"| {row['physics']} | {row['design']}, {row['seed']} |"
     if "refused" in row:
         return f"{where} {row['refused']} | | |"
-    runs = _describe_runs(row["runs"])
+    runs = describe_runs(row["runs"])
     if row["then"] is not None:
-        runs += f"; {row['current_a']:g} A, measured: {_describe_runs(row['then']['runs'])}"
-    elif row["current_a"] != CURRENT_LIMIT_A:
-        runs += f"; in the end at {row['current_a']:g} A"
+        runs += f"; at {row['current_a']:g} A: {describe_runs(row['then']['runs'])}"
     return f"{where} {runs} | {row['last']:+.2f} | {row['best_of_all_phases']:+.2f} |"
-
-
-def _describe_runs(runs: Sequence[dict[str, Any]]) -> str:
-    return "; ".join(
-        ("" if run["predicted"] is None else f"{run['predicted']:+.2f} +- {run['deviation']:.2f}, ")
-        + (f"{run['filmed']:+.2f}" if run["upright"] else "falls")
-        for run in runs
-    )
 
 
 if __name__ == "__main__":

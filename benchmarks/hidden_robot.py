@@ -23,6 +23,8 @@ from eldir.design import Design
 from eldir.parameters.robot import RobotParameters, sample_feet
 from eldir.parameters.springs import SpringParameters
 from eldir_cad.multibody.model import Multibody
+from eldir_calibration.adaptation.loop import adapt
+from eldir_calibration.adaptation.runs import Adaptation, AdaptationConfig
 from eldir_calibration.transfer.mujoco_walks import measure_walk
 from eldir_hardware.rig.configuration import Rig
 from eldir_hardware.rig.template import CURRENT_LIMIT_A, virtual_rig
@@ -149,6 +151,15 @@ class HiddenRig:
     def drive(self, schedule: ActuationSchedule, log: Path) -> None:
         """Play a schedule and film it."""
         drive_rig(schedule, self.rig, self.rig_file, log, DriveConfig(self.design_file))
+
+    @property
+    def adapted(self) -> Path:
+        """Folder of an adaptation."""
+        return self.folder / "adapted"
+
+    def adapt(self, config: AdaptationConfig, prior: Sequence[Path] = ()) -> Adaptation:
+        """An adaptation there, or the one that was made."""
+        return adapt(self.design_file, self.rig, self.adapted, self.drive, config, prior=prior)
 
 
 class Rows:

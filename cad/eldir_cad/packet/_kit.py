@@ -292,8 +292,9 @@ def _draw_bench_work(circuit: Circuit) -> list[Figure]:
         "Measure the resistance of the coils (next page)",
         "Write resistance, voltage, current limit and leads into the rig file, and cutoff and fan, which "
         "you have tested",
-        "Hang the coils in the fan's air and measure how long they become (next page), one hand at the main "
-        "switch. The two most alike belong to the same motor",
+        "Hang the coils in the fan's air, clamped to their leads. Play a schedule with the heating supply "
+        "switched off; then with heat, one hand at the main switch, and measure the lengths of the coils "
+        "(next page). The two most alike belong to the same motor",
         "Build the robot by assembly.pdf. Join coils and leads; measure each joint",
         "Connect the leads to the terminals X by wiring.csv. Measure channels and isolation with the relays "
         "open",
@@ -325,7 +326,7 @@ def _draw_measurements(connections: Wiring, own: Sequence[Circuit], lead_mm: int
         [
             "Where the two coils of a motor differ in length when they are hot, the robot turns and walks "
             "less. Measure them before you build; buy four more than the robot has, to choose from.",
-            "Clamp the coils to their leads and hang them loose in the air of the fan, all at one height. "
+            "Fan on, the coils clamped to their leads and hanging loose in its air, all at one height. "
             f"Let {_FIND_COILS} find them, then play the robot's schedule with eldir rig drive; key f ends "
             "it after one cycle.",
             "Measure each coil of channel 1 cold and at the end of its pulse, to 0.5 mm, in photographs "

@@ -19,7 +19,6 @@ from eldir.errors import InputError
 from eldir.parameters.robot import RobotParameters
 from eldir.parameters.tolerances import RigTolerances
 from eldir.parameters.uncertain import PARAMETERS
-from eldir.parameters.wiring import FACES
 from eldir.trajectory import Trajectory
 from eldir_calibration.comparison.meters import read_meters
 from eldir_calibration.report.comparison import Motion, max_missing_time
@@ -27,8 +26,9 @@ from eldir_calibration.report.controls import INTACT
 from eldir_hardware.log.mcap_file import find_log, fingerprint
 from eldir_hardware.log.messages import MOVED_BY, PLAYED_TO_END, VIRTUAL_RIG
 from eldir_hardware.log.reader import RunLog, read_attachment, read_log
+from eldir_hardware.planning.compiler import extract_gait
 from eldir_hardware.rig.configuration import Rig
-from eldir_hardware.schedule import ActuationSchedule, Event
+from eldir_hardware.schedule import ActuationSchedule
 
 _SAME_INSTANT = 0.005  # times of schedules are rounded to milliseconds [s]
 _PAUSED = "paused"  # a message of the player begins with it
@@ -117,12 +117,11 @@ class RecordedRun:
 
     def describe_other_heating(self, other: RecordedRun) -> str:
         """How it was heated otherwise than another run, in words; empty if it was not. Only motors that both
-        robots have count."""
-        own, others = self.schedule, other.schedule
-        found, motors = [], _motors(own) & _motors(others)
+        schedules name count."""
+        own, others, found = self.schedule, other.schedule, []
         if own.period_s != others.period_s:
             found.append(f"a period of {own.period_s:g} s instead of {others.period_s:g} s")
-        elif not _are_alike(own, others, motors):
+        elif not _have_the_same_pulses(own, others):
             found.append("other pulses")
         limits = self.rig.supply.current_limit_a, other.rig.supply.current_limit_a
         if limits[0] != limits[1]:
@@ -130,35 +129,30 @@ class RecordedRun:
         return " and ".join(found)
 
 
-def _motors(schedule: ActuationSchedule) -> set[int]:
-    """The design's springs that a schedule heats, or their numbers where it does not name them."""
-    return {_motor(schedule, event) for event in schedule.events}
+def _have_the_same_pulses(one: ActuationSchedule, other: ActuationSchedule) -> bool:
+    """Whether two schedules of the same period heat the motors that both name alike, wherever the period
+    begins; without a gait, by the same events."""
+    a, b = _pulses(one), _pulses(other)
+    if a is None or b is None:
+        return one.events == other.events
+    both = sorted(a.keys() & b.keys())
+    starts, lengths = np.array([[a[k], b[k]] for k in both]).reshape(-1, 2, 2).transpose(2, 1, 0)
+    shift = (starts[0] - starts[1])[lengths.min(axis=0) > 0]
+    apart = np.abs((shift - shift[:1] + one.period_s / 2) % one.period_s - one.period_s / 2)
+    return bool(np.all(apart <= _SAME_INSTANT) and np.all(np.abs(lengths[0] - lengths[1]) <= _SAME_INSTANT))
 
 
-def _are_alike(one: ActuationSchedule, other: ActuationSchedule, motors: set[int]) -> bool:
-    """Whether two schedules of the same period heat these motors alike, wherever the period begins."""
-    a, b = (_switchings(schedule, motors) for schedule in (one, other))
-    period = one.period_s
-
-    def coincide(t: float, u: float) -> bool:
-        return abs((t - u + period / 2) % period - period / 2) <= _SAME_INSTANT
-
-    return len(a) == len(b) and all(any(what == same and coincide(t, u) for *same, u in b) for *what, t in a)
-
-
-def _switchings(schedule: ActuationSchedule, motors: set[int]) -> list[tuple[int, bool, str, float]]:
-    """Switchings of the springs of these motors: motor, off, face, time after the first one [s]."""
-    events = sorted(
-        (motor, not event.on, face, event.t_s)
-        for event in schedule.events
-        if (motor := _motor(schedule, event)) in motors
-        for face in (FACES if event.face == "both" else (event.face,))
-    )
-    return [(motor, off, face, t - events[0][-1]) for motor, off, face, t in events]
-
-
-def _motor(schedule: ActuationSchedule, event: Event) -> int:
-    return schedule.springs[event.spring] if event.spring < len(schedule.springs) else event.spring
+def _pulses(schedule: ActuationSchedule) -> dict[int, tuple[float, float]] | None:
+    """Start and length of the pulse of each motor [s], by its spring in the design, or its number where the
+    schedule does not name it; None for a schedule without a gait."""
+    gait = extract_gait(schedule)
+    if gait is None:
+        return None
+    names = schedule.springs or range(len(gait.phase))
+    return {
+        spring: (gait.period * phase, gait.period * duty)
+        for spring, phase, duty in zip(names, gait.phase.tolist(), gait.duty.tolist(), strict=True)
+    }
 
 
 @dataclass(frozen=True)

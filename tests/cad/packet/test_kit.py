@@ -125,7 +125,7 @@ def test_the_pages_give_the_mass_of_the_filter_and_the_bounds_of_the_meter(robot
 
 def test_coils_are_measured_and_chosen_before_the_robot_is_built(pages):
     told = words(pages)
-    order = ["Measure the resistance", "one hand at the main", "The two most alike", "Build the robot"]
+    order = ["Measure the resistance", "switched off; then with", "The two most alike", "Build the robot"]
     assert sorted(order, key=told.index) == order
     assert "nearest to each other belong to a motor" in told
     assert told.count("cold [mm]") == told.count("hot [mm]") == 1

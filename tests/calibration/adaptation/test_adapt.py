@@ -96,6 +96,9 @@ def test_the_page_shows_each_run_and_what_is_believed(bench: Bench) -> None:
         assert f"{round(low, 2) + 0.0:+.2f} to {round(high, 2) + 0.0:+.2f}" in row
         assert f"{round(run.filmed, 2) + 0.0:+.2f}" in row
     assert f"Ended: {found.ended}." in page
+    told = re.search(r"the limit of the rig file the films tell\s+([\d.]+) A \(([\d.]+) to ([\d.]+)\)", page)
+    assert (told is None) == (not found.advice)
+    assert told is None or float(told[2]) < float(told[1]) < float(told[3])
     assert [run.impossible_motion for run in found.runs] == [None, IMPOSSIBLE]
     assert f"Run 2: not possible in reality: {IMPOSSIBLE}." in page
     belief = PrintedScene.load(out / "belief.json")

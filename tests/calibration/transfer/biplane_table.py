@@ -1,14 +1,15 @@
 """The table of robots out of their plane in docs/reference/second-physics-measured.md:
 `python -m tests.calibration.transfer.biplane_table DESIGN`; with a number behind it, of as many rigs whose
 outputs' currents are drawn: of one output for each face, or with `series` behind that, for each motor; with
-`matched` the springs of a motor are chosen in pairs.
+`matched` the springs of a motor are chosen in pairs; with `springs`, `strips` or `feet` these are equal on
+both faces, and with `level` the table does not slope sideways.
 """
 
 from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import chain, combinations
 
@@ -86,22 +87,39 @@ def cases(design: Design, gait: Gait) -> Iterator[tuple[str, Biplane, FreeLength
 
 
 def drawn_cases(
-    design: Design, gait: Gait, rigs: int, *, in_series: bool, matched: bool
+    design: Design, gait: Gait, rigs: int, words: Sequence[str]
 ) -> Iterator[tuple[str, Biplane, FreeLengths]]:
-    """Rigs whose springs, parts and outputs' currents are drawn. `in_series`: one output for both springs of
-    a motor, otherwise for all of a face. `matched`: springs are chosen in pairs."""
+    """Rigs whose springs, parts and outputs' currents are drawn. `words` as in the command: with `series` an
+    output feeds both springs of a motor, otherwise all of a face."""
     for seed in range(101, 101 + rigs):
         on_rig = RigTolerances().perturb_by_seed(SPRINGS, seed)
         own = sample_face_springs(len(gait.phase), seed, on_rig)
-        if matched:
+        if "matched" in words:
             own = choose_pairs(gait, on_rig, own, seed)
-        outputs = len(gait.phase) if in_series else 2
+        if "springs" in words:
+            own = [SpringParameters.mean(own[i - i % 2 : i - i % 2 + 2]) for i in range(len(own))]
+        outputs = len(gait.phase) if "series" in words else 2
         by = 1 + OUTPUT_CURRENT * np.random.default_rng([seed, 9]).standard_normal(outputs)
-        currents = np.repeat(by, 2) if in_series else np.tile(by, len(gait.phase))
+        currents = np.repeat(by, 2) if "series" in words else np.tile(by, len(gait.phase))
         heated = [
             replace(s, current_limit=s.current_limit * part) for s, part in zip(own, currents, strict=True)
         ]
-        yield f"drawn {seed}", sample_biplane(design.morphology, seed), heat_faces(gait, heated, CYCLES)
+        body = with_equal_parts(sample_biplane(design.morphology, seed), words)
+        yield f"drawn {seed}", body, heat_faces(gait, heated, CYCLES)
+
+
+def with_equal_parts(body: Biplane, words: Sequence[str]) -> Biplane:
+    """The robot with the mean of both faces on each, of what `words` names, or on a table that is level
+    sideways."""
+    front, back = body.faces
+    if "strips" in words:
+        pairs = zip(front.strips, back.strips, strict=True)
+        strips = [replace(a, length=(a.length + b.length) / 2) for a, b in pairs]
+        front, back = replace(front, strips=strips), replace(back, strips=strips)
+    if "feet" in words:
+        friction = (front.friction + back.friction) / 2
+        front, back = replace(front, friction=friction), replace(back, friction=friction)
+    return replace(body, front=front, back=back, side_tilt=0.0 if "level" in words else body.side_tilt)
 
 
 def choose_pairs(
@@ -134,9 +152,7 @@ def main() -> None:
     gait, known = read_gait(design), {}
     assert gait is not None
     rigs = int(sys.argv[2]) if len(sys.argv) > 2 else 0
-    drawn = drawn_cases(
-        design, gait, rigs, in_series="series" in sys.argv[3:], matched="matched" in sys.argv[3:]
-    )
+    drawn = drawn_cases(design, gait, rigs, sys.argv[3:])
     for what, model, table in drawn if rigs else cases(design, gait):
         mean = replace(table, lengths=table.lengths.reshape(len(table.lengths), -1, 2).mean(axis=2))
         key = mean.lengths.tobytes(), model.plane.tilt, model.plane.hubs[0].friction, model.plane.numerics
